@@ -112,6 +112,8 @@ def test_limit_sets_are_selected_and_invalid_limits_rejected(console):
     after = console.send("PUT", "/telemetry/limits/set", {"name": "commissioning", "note": "bench"})
     row = next(f for f in after["fields"] if f["key"] == TEMPERATURE)
     assert (after["set"], row["origin"], row["watch"]) == ("commissioning", "set", [-25, 55])
+    [shown] = [f for f in console.get("/dictionary")["telemetry"] if f"{f['packet']}.{f['name']}" == TEMPERATURE]
+    assert shown["watch"] == [-25, 55]
     console.send("PUT", "/telemetry/limits/set", {"name": "party"}, 404)
     for key, body, status in (
         (TEMPERATURE, {"watch": [5, 4]}, 400),

@@ -13,7 +13,7 @@ from playwright.sync_api import Route, expect
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
-def test_operator_commands_the_sensor_to_an_attitude(page, new_frame, picture, pictures):
+def test_operator_commands_the_sensor_to_an_attitude(page, served, new_frame, picture, pictures):
     """An operator commands the steps to an attitude, compares on-board and ground results, and runs the 1 Hz cycle."""
     new_frame(page)
     expect(page.get_by_test_id("identity")).to_have_text("SIMULATED")
@@ -42,8 +42,13 @@ def test_operator_commands_the_sensor_to_an_attitude(page, new_frame, picture, p
     page.get_by_test_id("cmd-cycle").click()
     expect(page.get_by_test_id("cmd-cycle")).to_have_text("Start cycle")
 
+    shown = page.get_by_test_id("set-mode").input_value()
+    page.get_by_test_id("send-SET_MODE-mode").click()
+    sent = served.until("/commands?name=SET_MODE&limit=1", lambda rows: rows[0] if rows else None)
+    assert (shown, sent["arguments"]["mode"]) == ("tracking", "tracking")
 
-def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
+
+def test_commands_have_forms_dry_runs_hazards_and_a_history(page, served, picture):
     """A value out of range cannot be sent. A critical command must be confirmed with its name. The history shows
     results.
     """
@@ -56,6 +61,10 @@ def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
     expect(page.get_by_test_id("command-send")).to_be_disabled()
     field.fill("251")
     expect(page.get_by_test_id("byte-preview")).to_contain_text("CRC")
+    with page.expect_response("**/api/dictionary"):  # a change of the mode changes the preconditions
+        served.ask("POST", "/commands", {"name": "SET_MODE", "arguments": {"mode": "standby"}})
+    expect(page.get_by_test_id("mode")).to_contain_text("STANDBY")
+    expect(field).to_have_value("251")
     page.get_by_test_id("command-send").click()
     expect(page.get_by_test_id("history-row").filter(has_text="exposure 251")).to_contain_text("completed")
 

@@ -87,7 +87,7 @@ def test_a_solution_that_could_not_begin_is_not_begun_by_a_later_list(
 
 
 def test_a_new_contact_ends_a_solution(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The report on the list arrives after the link was opened again. The server does not continue by itself."""
+    """The report on the list arrives after the link was opened again. The server does not continue."""
     held: list[Any] = []
     with monkeypatch.context() as patch:
         patch.setattr(ground.uploads, "_completed", held.append)

@@ -25,6 +25,7 @@ from gss.instruments.roles import Roles
 from gss.operations.commanding.command_checks import DryRun, PreconditionState
 from gss.operations.commanding.command_record import CommandView
 from gss.operations.commanding.schedule_plan import schedulable
+from gss.operations.telemetry.limit_book import LimitBook
 from gss.store.models import Command
 
 STAGES = ("queued", "released", "sent", "accepted", "started", "progress", "completed")
@@ -33,9 +34,14 @@ TEXT_LENGTH = 120
 
 
 def dictionary(
-    roles: Roles, notes: str, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
+    roles: Roles,
+    notes: str,
+    commands: Sequence[Definition],
+    preconditions: Mapping[str, Sequence[PreconditionState]],
+    limits: LimitBook,
 ) -> DictionaryOut:
-    """Return the dictionary with the commands that the device supports and the current state of their preconditions."""
+    """Return the dictionary with the commands that the device supports, the current state of their preconditions, and the
+    active limits."""
     definitions = roles.operations.dictionary
     fields = [
         FieldDefinitionOut(
@@ -45,13 +51,14 @@ def dictionary(
             title=f.title,
             unit=f.unit,
             decimals=f.decimals,
-            watch=f.limits.watch,
-            warning=f.limits.warning,
-            critical=f.limits.critical,
+            watch=active.watch,
+            warning=active.warning,
+            critical=active.critical,
             stale_after_s=f.stale_after_s,
         )
         for packet in definitions.telemetry
         for f in packet.values
+        for active in [limits.rule(packet.name, f).limits]
     ]
     shown = [definition(roles.operations, c, preconditions.get(c.name, ())) for c in commands]
     hash_hex = definitions.hash_hex

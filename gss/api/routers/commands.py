@@ -61,11 +61,12 @@ def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingRespons
 
 @router.get("/dictionary")
 def read_dictionary(app: App) -> DictionaryOut:
-    """All commands that the device supports and all telemetry, with the current state of the commands'
-    preconditions."""
+    """All commands that the device supports, with the current state of their preconditions, and all telemetry, with the active
+    limits."""
     shown = app.commanding.commands.visible()
     states = {c.name: app.commanding.commands.preconditions(c) for c in shown}
-    return present.commands.dictionary(app.line.link.roles, app.base.unit.about.notes, shown, states)
+    limits = app.telemetry.telemetry.limits
+    return present.commands.dictionary(app.line.link.roles, app.base.unit.about.notes, shown, states, limits)
 
 
 @router.get("/commands")

@@ -64,6 +64,12 @@ export function onBoard(a: Argument, values: ReadonlyMap<string, Value>): Value 
   return null;
 }
 
+/** Return the form text of an argument whose value on board is known; null if the argument cannot have this value. */
+export function presentText(a: Argument, value: Value['value'] | undefined): string | null {
+  if (a.choices.length) return a.choices.find((c) => c.name === value)?.name ?? null;
+  return typeof value === 'number' ? String(Number(value.toFixed(3))) : null;
+}
+
 /** Return the values of a form, and the problem of each invalid argument. */
 export function collect(
   definition: CommandDefinition,

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Argument, CommandDefinition, Stage } from '../api/types';
-import { collect, parse } from './arguments';
+import { collect, parse, presentText } from './arguments';
 import { position, zones } from './limits';
 import { countOf, missingBelow, rangesText } from './ranges';
 import { hasEnded, points, resultState, resultText } from './stages';
@@ -23,6 +23,13 @@ describe('arguments', () => {
     expect(parse(number(), '-1').problem).toBe('0 – 255, got \u22121');
     expect(parse(number(), '12.5').problem).toContain('whole number');
     expect(parse(number(), 'x').problem).toContain('got “x”');
+  });
+  it('begin with the value on board, if the argument can have it', () => {
+    const choices = [{ name: 'tracking', value: 2, hazard: 'none' as const, note: '' }];
+    expect(presentText(number({ choices, default: 'standby' }), 'tracking')).toBe('tracking');
+    expect(presentText(number({ choices }), 'unknown mode')).toBeNull();
+    expect(presentText(number(), 0.12345)).toBe('0.123');
+    expect(presentText(number(), undefined)).toBeNull();
   });
   it('accept both limits and the true minus', () => {
     expect([

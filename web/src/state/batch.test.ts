@@ -50,6 +50,18 @@ describe('messages of the stream', () => {
     expect(log).toEqual(['frame', 'a']);
   });
 
+  it('of a hidden tab are handled before the state is loaded', () => {
+    const { log, tab, batch, pass } = rig();
+    tab.hidden = true;
+    batch.add(() => log.push('old'));
+    batch.drain();
+    log.push('load');
+    tab.hidden = false;
+    batch.shown();
+    pass();
+    expect(log).toEqual(['old', 'load']);
+  });
+
   it('are not kept without limit: a tab hidden for long reloads the state', () => {
     const { log, tab, batch, pass } = rig();
     batch.add(() => log.push('before'));

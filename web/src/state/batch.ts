@@ -41,6 +41,13 @@ export class Batch {
     } else if (this.waiting.length) this.schedule();
   }
 
+  /** Handle the collected messages now, also for a hidden tab: they are older than the state that is loaded next. */
+  drain(): void {
+    const handles = this.waiting;
+    this.waiting = [];
+    for (const handle of handles) handle();
+  }
+
   private limit(): void {
     if (this.waiting.length <= MAX_HELD) return;
     this.waiting = [];
@@ -58,8 +65,6 @@ export class Batch {
     this.scheduled = false;
     if (this.parts.hidden()) return this.limit();
     this.lastMs = this.parts.now();
-    const handles = this.waiting;
-    this.waiting = [];
-    for (const handle of handles) handle();
+    this.drain();
   }
 }

@@ -51,6 +51,7 @@ export class FrameView {
   private download: PixelDownload | null = null;
   private arrived: { image: RawImage; at: number } | null = null;
   private generation = 0;
+  private choices = 0;
   /** Not reactive, so that an effect that starts a load does not run again when the load starts. */
   private busy = false;
   private following = false;
@@ -200,10 +201,10 @@ export class FrameView {
 
   async choose(solutionId: number): Promise<void> {
     this.beforePreview = undefined;
-    const d = this.detail;
-    if (d?.ground?.id === solutionId) this.solution = d.ground;
-    else if (d?.on_board?.id === solutionId) this.solution = d.on_board;
-    else this.solution = await api.solution(solutionId);
+    const [d, own] = [this.detail, ++this.choices];
+    const stored = [d?.ground, d?.on_board].find((s) => s?.id === solutionId) ?? (await api.solution(solutionId));
+    if (own !== this.choices || d?.id !== this.detail?.id) return; // another result or frame was chosen meanwhile
+    this.solution = stored;
     this.selected = null;
   }
 }

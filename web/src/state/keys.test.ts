@@ -12,14 +12,14 @@ class FakeElement {
   }
 }
 
-function key(name: string, target: FakeElement) {
+function key(name: string, target: FakeElement, repeat = false) {
   const seen = { kept: false };
   return {
     seen,
     event: {
       key: name,
       target,
-      repeat: false,
+      repeat,
       ctrlKey: false,
       metaKey: false,
       altKey: false,
@@ -43,12 +43,13 @@ async function keys() {
   vi.stubGlobal('innerWidth', 1440);
   vi.stubGlobal('matchMedia', () => ({ matches: true }));
   const { onKey } = await import('./keys');
-  const press = (name: string, target: FakeElement): boolean => {
-    const { seen, event } = key(name, target);
+  const { view } = await import('./view.svelte');
+  const press = (name: string, target: FakeElement, repeat = false): boolean => {
+    const { seen, event } = key(name, target, repeat);
     onKey(event);
     return seen.kept;
   };
-  return { press, paths };
+  return { press, paths, view };
 }
 
 describe('Space after g', () => {
@@ -73,5 +74,42 @@ describe('Space after g', () => {
     press('g', SENDS);
     press('l', SENDS);
     expect(paths).toHaveLength(1);
+  });
+});
+
+describe('a key that is held', () => {
+  const BODY = new FakeElement('BODY');
+  beforeEach(() => {
+    vi.resetModules();
+  });
+  it('acts once, so that it does not act on items that were not seen', async () => {
+    const { press, view } = await keys();
+    const run = vi.fn();
+    view.keys = [{ key: 'a', text: 'acknowledge', run }];
+    press('a', BODY);
+    press('a', BODY, true);
+    press('a', BODY, true);
+    expect(run).toHaveBeenCalledTimes(1);
+  });
+  it('steps through frames', async () => {
+    const { press, view } = await keys();
+    const run = vi.fn();
+    view.keys = [{ key: ']', text: 'newer', run }];
+    press(']', BODY);
+    press(']', BODY, true);
+    expect(run).toHaveBeenCalledTimes(2);
+  });
+});
+
+describe('g without a letter', () => {
+  it('does not take a letter that is pressed later', async () => {
+    vi.resetModules();
+    vi.useFakeTimers();
+    const { press, paths } = await keys();
+    press('g', new FakeElement('BODY'));
+    vi.advanceTimersByTime(3000);
+    press('l', new FakeElement('BODY'));
+    vi.useRealTimers();
+    expect(paths).toEqual([]);
   });
 });

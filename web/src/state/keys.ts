@@ -28,6 +28,10 @@ function viewerKey(e: KeyboardEvent): void {
   }
 }
 
+/** Page keys that repeat while they are held: older and newer. Another key could act on an item that was not seen. */
+const REPEATED = ['[', ']'];
+/** A key after `g` opens a page only within this time. */
+const GO_WITHIN_MS = 2000;
 let pendingGo = false;
 let claimedSpace = false;
 
@@ -94,7 +98,7 @@ export function onKeyUp(e: KeyboardEvent): void {
 function handled(e: KeyboardEvent): boolean {
   const pageKey = view.allKeys.find((k) => k.key === e.key);
   if (pageKey) {
-    pageKey.run();
+    if (!e.repeat || REPEATED.includes(e.key)) pageKey.run();
     return true;
   }
   const page = PAGES[Number(e.key) - 1];
@@ -105,6 +109,7 @@ function handled(e: KeyboardEvent): boolean {
   switch (e.key) {
     case 'g':
       pendingGo = true;
+      setTimeout(() => (pendingGo = false), GO_WITHIN_MS);
       return true;
     case '?':
       if (view.opened === 'keys') view.close();

@@ -1,4 +1,5 @@
 /** Shared state of the console: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
+import { SvelteMap } from 'svelte/reactivity';
 import { base } from '../lib/base';
 import { api } from '../api/client';
 import { sessionHooks } from '../api/http';
@@ -58,7 +59,10 @@ class Live {
   latestDeviceFrame: number | null = null;
   /** Incremented whenever a frame or one of its solutions changes; pages that show frames reload on it. */
   frameTick = $state(0);
-  changedFrame = $state<number | null>(null);
+  /** Count of the changes of each frame. */
+  readonly frameChanges = new SvelteMap<number, number>();
+  /** Count of the loads of all state. A page that shows a frame loads it again. */
+  loads = $state(0);
   online = $state(false);
   everOnline = $state(false);
   offlineSince = $state<number | null>(null);
@@ -95,7 +99,10 @@ class Live {
     alarm: (alarm) => this.putAlarm(alarm),
     schedule: (schedule) => (this.schedule = schedule),
     tables: (tables) => (this.onBoardTables = tables),
-    limits: () => (this.limitsTick += 1),
+    limits: () => {
+      this.limitsTick += 1;
+      void this.loadDictionary(); // it has the active limits
+    },
     procedure_run: () => (this.procedureTick += 1),
     replay: (replay) => this.putReplay(replay),
     'replay.telemetry': (latest) => (this.replayValues = latest.values),
@@ -124,13 +131,20 @@ class Live {
   private batched(batch: Batch): TopicHandlers {
     const handlers = Object.keys(this.topics).map((topic) => [
       topic,
-      (message: never) => batch.add(() => this.put(topic as T.Topic, message)),
+      (message: never) => {
+        if (topic === 'link') this.setClock(message); // now, because a hidden tab handles messages later
+        batch.add(() => this.put(topic as T.Topic, message));
+      },
     ]);
     return Object.fromEntries(handlers) as TopicHandlers;
   }
 
-  private putLink(link: T.Link): void {
+  /** Measure the browser's clock against the server's time in a message that has just arrived. */
+  private setClock(link: T.Link): void {
     this.clockSkewMs = Date.parse(link.utc) - Date.now();
+  }
+
+  private putLink(link: T.Link): void {
     const hashChanged =
       this.link?.device_dictionary_hash !== link.device_dictionary_hash ||
       this.link?.dictionary_hash !== link.dictionary_hash;
@@ -202,7 +216,7 @@ class Live {
 
   private putFrame(id: number, isNew: boolean): void {
     if (isNew && (this.latestFrameId === null || id > this.latestFrameId)) this.latestFrameId = id;
-    this.changedFrame = id;
+    this.frameChanges.set(id, (this.frameChanges.get(id) ?? 0) + 1);
     this.frameTick += 1;
   }
 
@@ -222,7 +236,12 @@ class Live {
         if (!updates.has(kind)) put(v);
       };
     await Promise.allSettled([
-      api.link().then(unlessUpdated('link', (v) => this.putLink(v))),
+      api.link().then(
+        unlessUpdated('link', (v) => {
+          this.setClock(v);
+          this.putLink(v);
+        }),
+      ),
       this.loadDictionary(),
       api.latest().then(unlessUpdated('telemetry', (v) => this.putTelemetry(v))),
       Promise.all([api.commands(100), api.findCommands({ result: ['unknown'] })]).then(([v, unknown]) => {
@@ -234,36 +253,21 @@ class Live {
       api.transfers(20).then((v) => {
         this.transfers = merged('transfer', v, this.transfers, updates);
       }),
-      api.authority().then(
-        unlessUpdated('authority', (v) => {
-          this.authority = v;
-        }),
-      ),
+      api.authority().then(unlessUpdated('authority', (v) => (this.authority = v))),
       api.alarms(true).then((v) => {
         this.alarms = byUrgency(merged('alarm', v, this.alarms, updates));
         this.alarmsRead = true;
       }),
-      api.schedule().then(
-        unlessUpdated('schedule', (v) => {
-          this.schedule = v;
-        }),
-      ),
-      api.tablesOnBoard().then(
-        unlessUpdated('tables', (v) => {
-          this.onBoardTables = v;
-        }),
-      ),
-      api.replay().then(
-        unlessUpdated('replay', (v) => {
-          this.replay = v;
-        }),
-      ),
+      api.schedule().then(unlessUpdated('schedule', (v) => (this.schedule = v))),
+      api.tablesOnBoard().then(unlessUpdated('tables', (v) => (this.onBoardTables = v))),
+      api.replay().then(unlessUpdated('replay', (v) => (this.replay = v))),
       api.jobs().then((v) => {
         this.jobs = merged('job', v, this.jobs, updates);
         this.jobsRead = true;
       }),
     ]);
     this.updates.end(updates);
+    this.loads += 1;
     this.frameTick += 1;
   }
 
@@ -297,6 +301,7 @@ class Live {
       {
         topics: this.batched(batch),
         online: (filled) => {
+          batch.drain();
           if (filled) void this.describeOutage(filled);
           if (filled || !this.everOnline) void this.load();
           this.online = this.everOnline = true;

@@ -109,6 +109,30 @@ describe('the event stream', () => {
     await settle();
     expect(log).toEqual(['event 1', 'offline 7', 'event 2', 'event 3', 'back 2']);
   });
+  it('does not report that it is back if the connection fails while missed events are fetched', async () => {
+    const { stream, log, sources, waits } = rig([row(1), row(2)]);
+    stream.start();
+    stream.received(...event(1));
+    sources[0]?.fake.onerror?.(new Event('error'));
+    waits[0]?.run();
+    sources[1]?.fake.onopen?.(new Event('open'));
+    sources[1]?.fake.onerror?.(new Event('error'));
+    await settle();
+    expect(log.filter((l) => l.startsWith('back'))).toEqual([]);
+    waits[1]?.run();
+    sources[2]?.fake.onopen?.(new Event('open'));
+    await settle();
+    expect(log.at(-1)).toBe('back 0');
+  });
+  it('does not fetch events as missed if it has received none', async () => {
+    const { stream, log, sources, waits } = rig([row(1), row(2)]);
+    stream.start();
+    sources[0]?.fake.onerror?.(new Event('error'));
+    waits[0]?.run();
+    sources[1]?.fake.onopen?.(new Event('open'));
+    await settle();
+    expect(log).toEqual(['offline 7', 'back 0']);
+  });
   it('connects at once, and only once, when the server has answered a request', () => {
     const { stream, sources, waits } = rig();
     stream.start();

@@ -106,8 +106,11 @@ export class Stream {
     const wasLost = this.lost !== null;
     this.lost = null;
     if (!wasLost) return this.handlers.online(null);
-    const missed = (await this.parts.backfill(this.lastSeq).catch(() => [])).filter((e) => this.isNew(e.seq));
+    const source = this.source;
+    const found = this.lastSeq > 0 ? await this.parts.backfill(this.lastSeq).catch(() => []) : [];
+    const missed = found.filter((e) => this.isNew(e.seq));
     for (const e of missed) this.handlers.topics.event(e);
+    if (this.source !== source || this.waiting) return; // the connection failed meanwhile
     const first = missed[0];
     const last = missed[missed.length - 1];
     this.handlers.online(
