@@ -26,6 +26,7 @@ MIN_DRIFT_S = 3600.0
 BLOCKS, MIN_BLOCKS = 20, 8
 DAY_S = 86_400.0
 WEIGHT_ROUNDS = 4
+MAX_STEPS = 2.5  # longest interval of a rate, in median steps: one lost frame, with jitter of the times
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ class ReferenceErrors:
     """Errors of a camera relative to a reference. ``bias``: constant rotation, rad, relative to the ``expected``
     mounting, None if the mounting is unknown. ``drift``: rad per day. ``thermal``: rad/K. ``date_s``: time from the
     stated time to the measurement. ``aberration``: share of the aberration that was not corrected, from 0 to 1. A term
-    is None if the data do not vary enough to determine it. ``rest_rad`` (m, 3): residual rotations."""
+    is None if the data do not vary enough to determine it. ``rest_rad`` (m, 3): residual rotations, NaN if a date error is
+    fitted and the rate of the frame is unknown; ``pairs``: number of the other rows, which were fitted."""
 
     bias: Fitted | None
     drift: Fitted | None
@@ -100,7 +102,7 @@ def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> Referenc
         columns.append(_each_axis(temperature - middle_c))
         names.append("thermal")
     rate = _rates(camera)
-    if float(np.linalg.norm(rate - rate.mean(axis=0), axis=1).max()) >= MIN_RATE_RAD_S:
+    if float(np.nanmax(np.linalg.norm(rate - np.nanmean(rate, axis=0), axis=1))) >= MIN_RATE_RAD_S:
         columns.append(-rate[:, :, None])
         names.append("date")
     if data.velocity_c is not None:
@@ -123,11 +125,11 @@ def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> Referenc
         fitted.get("aberration"),
         span_k,
         middle_c,
-        float(np.linalg.norm(rate, axis=1).max()),
+        float(np.nanmax(np.linalg.norm(rate, axis=1))),
         residual,
         camera.times_s,
         temperature,
-        len(index),
+        int(np.isfinite(residual).all(axis=1).sum()),
     )
 
 
@@ -139,8 +141,11 @@ def _fitted(
     blocks: NDArray[np.intp],
     rng: np.random.Generator,
 ) -> tuple[dict[str, Fitted], Array]:
-    """Fit (m, 3, p) columns to (m, 3) rotations. Returns the terms by name and the residual rotations."""
-    p = design.shape[2]
+    """Fit (m, 3, p) columns to (m, 3) rotations, without the rows that have NaN. Returns the terms by name and the residual
+    rotations."""
+    all_design, all_off = design, off
+    known = np.isfinite(design).all(axis=(1, 2))
+    design, off, blocks, p = design[known], off[known], blocks[known], design.shape[2]
     # The error about the boresight is many times larger than the error across it. Therefore each axis is weighted by
     # its scatter.
     residual, good = off, np.ones(off.shape, bool)
@@ -159,7 +164,7 @@ def _fitted(
     low, high = interval(resampled(blocks, once, rng))
     starts = np.cumsum([0, *widths])
     fitted = {n: Fitted(best[a:b], low[a:b], high[a:b]) for n, a, b in zip(names, starts, starts[1:], strict=False)}
-    return fitted, np.asarray(off - design @ best)
+    return fitted, np.asarray(all_off - all_design @ best)
 
 
 def _each_axis(values: Array) -> Array:
@@ -181,13 +186,15 @@ def _at(series: AttitudeSeries, times_s: Array) -> Array:
 
 
 def _rates(series: AttitudeSeries) -> Array:
-    """Return the (m, 3) angular velocities in camera axes, from the attitudes before and after; 0 next to a gap."""
+    """Return the (m, 3) angular velocities in camera axes, from the adjacent attitudes that are near in time; NaN if
+    none is."""
     q, t = series.quaternion, series.times_s
-    before, after = np.r_[0, np.arange(len(t) - 1)], np.r_[np.arange(1, len(t)), len(t) - 1]
+    step = np.diff(t)
+    near = step <= MAX_STEPS * float(np.median(step))
+    index = np.arange(len(t))
+    before, after = index - np.r_[False, near], index + np.r_[near, False]
     span = t[after] - t[before]
-    usual = 2 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    rate = -turn_between(q[before], q[after]) / np.maximum(span, 1e-9)[:, None]
-    return np.where((span <= 1.5 * usual)[:, None], rate, 0.0)
+    return -turn_between(q[before], q[after]) / np.where(span > 0, span, np.nan)[:, None]
 
 
 def _aberration(quaternion: Array, velocity_c: Array) -> Array:
