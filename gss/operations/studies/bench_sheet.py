@@ -27,7 +27,7 @@ def _centre(centre: Mapping[str, Any]) -> list[Section]:
     method = "circle through the positions" if centre["circle"] else "centre of the box around all positions"
     facts = [
         Fact("optical centre", f"{number(centre['col_px'], 7)}, {number(centre['row_px'], 7)}", "px", method),
-        Fact("σ", number(centre["sigma_px"], 2), "px", "per axis"),
+        Fact("σ", number(centre["sigma_px"], 2), "px", "larger of column and row"),
         Fact("radius of the circle", number(centre["radius_px"], 3), "px"),
         Fact("extent of the positions", f"{number(centre['box_px'][0], 3)} x {number(centre['box_px'][1], 3)}", "px"),
     ]

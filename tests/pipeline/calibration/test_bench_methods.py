@@ -74,6 +74,29 @@ def test_centre_of_a_jumping_dot_is_the_middle_of_its_box(profile_of: ProfileOf)
         optical_centre(np.zeros((3, 2)))
 
 
+def _centre_errors_and_sigma(turns_rad: np.ndarray, radius_px: float, play_px: float) -> tuple[np.ndarray, float]:
+    """Return the (2,) rms errors of the optical centre of 200 simulated rotations, and the median of its σ."""
+    rng = np.random.default_rng(11)
+    truth_px = np.array([800.0, 600.0])
+    circle_px = truth_px + radius_px * np.column_stack([np.cos(turns_rad), np.sin(turns_rad)])
+    centres = [optical_centre(circle_px + play_px * rng.normal(size=circle_px.shape)) for _ in range(200)]
+    errors = np.array([(c.col_px, c.row_px) for c in centres]) - truth_px
+    return np.sqrt(np.mean(errors**2, axis=0)), float(np.median([c.sigma_px for c in centres]))
+
+
+@pytest.mark.parametrize(
+    ("turns", "arc_deg", "radius_px"),
+    [(36, 360, 0.0), (6, 360, 50.0), (36, 360, 50.0), (12, 180, 50.0), (12, 130, 50.0)],
+)
+def test_sigma_of_the_optical_centre_is_its_error(turns: int, arc_deg: float, radius_px: float) -> None:
+    """The stated σ agrees with the larger error of the two axes, for a dot without a circle far from pixel (0, 0),
+    for few positions and for a part of the circle.
+    """
+    angles_rad = np.radians(np.linspace(0, arc_deg, turns, endpoint=arc_deg < 360))
+    errors, sigma = _centre_errors_and_sigma(angles_rad, radius_px, play_px=0.3 if radius_px else 3.0)
+    assert sigma / errors.max() == pytest.approx(1, abs=0.2)
+
+
 def test_tilt_is_fitted_to_pairs_of_spots(profile_of: ProfileOf) -> None:
     """36 pairs with an error of 0.02 px give Jacobs' tilt of 0.733° and its direction within 3.5 σ. A detector without
     tilt gives a warning.
