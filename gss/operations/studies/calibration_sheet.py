@@ -256,9 +256,13 @@ def _dark(dark: Mapping[str, Any]) -> list[Section]:
 
 
 def _photon_transfer(transfer: Mapping[str, Any]) -> list[Section]:
+    read_noise = Fact("read noise", "not determined")
+    if transfer["read_noise_e"] is not None:
+        sigma = f"σ {number(transfer['read_noise_sigma_e'], 2)}"
+        read_noise = Fact("read noise", number(transfer["read_noise_e"]), "e⁻", sigma)
     facts = [
         Fact("gain", number(transfer["gain_e_per_dn"]), "e⁻/DN", f"σ {number(transfer['gain_sigma'], 2)}"),
-        Fact("read noise", number(transfer["read_noise_e"]), "e⁻", f"σ {number(transfer['read_noise_sigma_e'], 2)}"),
+        read_noise,
         Fact("bias", number(transfer["bias_dn"]), "DN"),
         Fact("response of the pixels", number(_percent(transfer["response_sigma"]), 3), "%", "σ"),
         Fact("full well", number(transfer["full_well_e"], 5), "e⁻"),

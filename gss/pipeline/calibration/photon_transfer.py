@@ -36,8 +36,8 @@ class FlatPair:
 
 @dataclass(frozen=True)
 class PhotonTransfer:
-    """Result of a photon transfer measurement. ``read_noise_e``: read noise including quantisation; NaN if the noise of
-    the darkest level is far above the read noise. ``bias_dn``: bias from the dark pair, NaN without a dark pair.
+    """Result of a photon transfer measurement. ``read_noise_e``: read noise including quantisation, from the dark pair,
+    NaN without a dark pair or if its frames are equal. ``bias_dn``: bias from the dark pair, NaN without a dark pair.
     ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal at which the variance starts to
     decrease, NaN if not reached. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
     ``nonlinearity``: largest relative deviation of the variance of a fitted level from the line."""
@@ -60,7 +60,7 @@ def photon_transfer(
     pairs: Sequence[FlatPair], dark_pair: FlatPair | None = None, saturation_dn: float | None = None
 ) -> PhotonTransfer:
     """Measure from pairs at several levels. ``dark_pair``: two dark frames of the shortest exposure, from which bias
-    and read noise are measured directly."""
+    and read noise are measured. Both need it: the line through the levels only gives read² − bias/gain."""
     levels = [_level(p) for p in pairs]
     dark = None if dark_pair is None else _level(dark_pair)
     bias = 0.0 if dark is None else dark[0]
@@ -76,13 +76,13 @@ def photon_transfer(
             got=str(int(fitted.sum())),
             hint="take pairs of flats from nearly dark to half the converter's range",
         )
-    slope, floor, gain_sigma, floor_sigma, departure = _line(signal[fitted], variance[fitted], dark, pixels)
-    gain, read2 = 1 / slope, floor if dark is None else dark[1]
-    read2_sigma = floor_sigma if dark is None else dark[1] * float(np.sqrt(2 / pixels))
+    slope, gain_sigma, departure = _line(signal[fitted], variance[fitted], dark, pixels)
+    gain = 1 / slope
     read = read_sigma = float("nan")
-    if read2 > 0:
-        read = float(np.sqrt(read2)) * gain
-        read_sigma = float(np.hypot(gain * read2_sigma / (2 * np.sqrt(read2)), read * gain_sigma / gain))
+    if dark is not None and dark[1] > 0:
+        read = float(np.sqrt(dark[1])) * gain
+        # A variance measured on n pixels has a relative error of √(2/n).
+        read_sigma = read * float(np.hypot(np.sqrt(2 / pixels) / 2, gain_sigma / gain))
     full = float(signal[~fitted].min() * gain) if (~fitted).any() else float("nan")
     response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
     advice = tuple(_advice(dark is not None, departure, full))
@@ -94,10 +94,9 @@ def photon_transfer(
 
 def _line(
     signal: Array, variance: Array, dark: tuple[float, float, float, int] | None, pixels: float
-) -> tuple[float, float, float, float, float]:
-    """Return slope and floor of the variance, σ of gain and floor, and the largest relative deviation from the line."""
+) -> tuple[float, float, float]:
+    """Return the slope of the variance, the σ of the gain, and the largest relative deviation from the line."""
     x, y = (signal, variance) if dark is None else (np.append(signal, 0.0), np.append(variance, dark[1]))
-    # A variance measured on n pixels has a relative error of √(2/n).
     fit = fit_linear(np.column_stack([x, np.ones(len(x))]), y, y * np.sqrt(2 / pixels))
     slope, floor = (float(c) for c in fit.coefficients)
     if slope <= 0:
@@ -107,16 +106,15 @@ def _line(
             got=f"slope {slope:g}",
             hint="use raw frames, not processed frames",
         )
-    sigma = np.sqrt(np.diag(fit.covariance))
     departure = float(np.max(np.abs(fit.residual / (slope * x + floor)), initial=0.0))
-    return slope, floor, float(sigma[0]) / slope**2, float(sigma[1]), departure
+    return slope, float(np.sqrt(fit.covariance[0, 0])) / slope**2, departure
 
 
 def _advice(with_dark: bool, departure: float, full_well_e: float) -> list[Advice]:
     advice: list[Advice] = []
     if not with_dark:
-        hint = "add two frames with the lens covered, shortest exposure"
-        advice.append(Advice("no-dark", "no dark pair: signals count from zero DN", hint))
+        text = "no dark pair: the read noise is unknown, and signals count from zero DN"
+        advice.append(Advice("no-dark", text, "add two frames with the lens covered, shortest exposure"))
     if departure > NOT_LINEAR:
         text = f"variances depart by up to {departure:.0%} from a line"
         advice.append(Advice("not-linear", text, "use even light, no automatic gain, and raw frames"))

@@ -79,8 +79,8 @@ def test_photon_transfer_finds_gain_and_noise_of_every_profile(name: str, profil
 
 
 def test_photon_transfer_without_a_dark_pair_gives_a_warning(profile_of: ProfileOf) -> None:
-    """Without a dark pair, the gain is found, the bias is NaN, and a warning states the missing dark. Too few levels
-    and frames of unequal size are rejected.
+    """Without a dark pair, the gain is found, bias and read noise are NaN and not used for the camera, and a warning
+    states the missing dark. Too few levels and frames of unequal size are rejected.
     """
     profile = profile_of("far_mst")
     sensor, rng = profile.sensor, np.random.default_rng(5)
@@ -89,7 +89,8 @@ def test_photon_transfer_without_a_dark_pair_gives_a_warning(profile_of: Profile
     ]
     transfer = photon_transfer(pairs)
     assert transfer.gain_e_per_dn == pytest.approx(10.0, rel=0.03)
-    assert np.isnan(transfer.bias_dn)
+    assert np.isnan([transfer.bias_dn, transfer.read_noise_e, transfer.read_noise_sigma_e]).all()
+    assert calibrated_profile(profile, detector=detector_figures(transfer)).sensor.read_noise_e == sensor.read_noise_e
     assert {w.code for w in transfer.warnings} == {"no-dark", "no-full-well"}
     with pytest.raises(BadInput, match="too few levels"):
         photon_transfer(pairs[:2])
