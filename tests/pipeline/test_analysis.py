@@ -200,6 +200,27 @@ def test_two_cameras_give_their_mounting() -> None:
         two_cameras(first, replace(second, times_s=second.times_s + 1.0))
 
 
+def test_a_drift_between_two_cameras_is_reported_for_short_runs() -> None:
+    """For ten pairs, the σ of the drift is its error and not increased by the drift, a drift of 15 σ gives a warning, and
+    the scatter agrees with correct covariances.
+    """
+    drift_rad_s, step_s = 15 * ARCSEC_RAD / 60, 60.0
+    drifts, sigmas, chi2, warned = [], [], [], 0
+    for seed in range(150):
+        first, second = (run(POLE, n=10, step_s=step_s, seed=2 * seed + k) for k in range(2))
+        chi2.append(two_cameras(first, second).chi ** 2)
+        elapsed_s = second.times_s - second.times_s[0]
+        drifting = turned(second.quaternion, np.outer(elapsed_s, [drift_rad_s, 0, 0]))
+        result = two_cameras(first, replace(second, quaternion=drifting))
+        drifts.append(result.axes[0].drift_rad_s)
+        sigmas.append(result.axes[0].drift_sigma_rad_s)
+        warned += "drift" in {w.code for w in result.warnings}
+    assert np.mean(drifts) == pytest.approx(drift_rad_s, rel=0.05)
+    assert np.sqrt(np.mean(np.square(sigmas))) / np.std(drifts) == pytest.approx(1, abs=0.15)
+    assert warned > 140
+    assert np.mean(chi2) == pytest.approx(1, abs=0.08)
+
+
 def test_noise_is_measured_on_a_moving_satellite() -> None:
     """From the attitudes of a steadily rotating camera, the noise of each axis is measured within 15 %. Availability
     and outages are counted.

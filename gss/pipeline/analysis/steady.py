@@ -26,7 +26,7 @@ SIDEREAL_RAD_S = 7.2921158553e-5
 STRAY_SIGMAS = 5.0
 ROUNDS = 6
 FREEDOM = 6
-PER_DEGREE = 2.0
+LINE_PARAMETERS = 2
 JUMP_SIGMAS = 6.0
 CONFIDENCE = 0.95
 BODY_AXES = ("across, x", "across, y", "about")
@@ -37,7 +37,7 @@ WANDER = 1.5
 
 @dataclass(frozen=True)
 class AxisFigures:
-    """Statistics of one angle. ``sigma_rad``: standard deviation from the constant rotation, with its 95 % interval
+    """Statistics of one angle. ``sigma_rad``: standard deviation from the fitted model, with its 95 % interval
     ``low_rad``, ``high_rad`` (frames assumed independent); ``noise_rad``: frame-to-frame noise (NEA); ``claimed_rad``:
     rms of the σ that the chain reports, NaN if the chain reports no σ; ``drift_rad_s``, ``drift_sigma_rad_s``: slope of
     the fitted line and its σ."""
@@ -91,15 +91,15 @@ def _steady(series: AttitudeSeries, expected: Array, fixed_to: str) -> SteadyTes
     model = turned(start, -rate * at_s[:, None])
     deviation = turn_between(model, good.quaternion)
     middle = matrix_from_quaternion(start)
-    sigma = _sigma(deviation[keep])
-    rate_sigma = sigma / np.sqrt(np.sum((at_s[keep] - at_s[keep].mean()) ** 2))
+    rate_sigma = slope_sigma(deviation[keep], at_s[keep])
     angles, cos_dec = _sky_angles(good)
     line = np.stack([np.polyval(np.polyfit(at_s[keep], angles[keep, k], 1), at_s) for k in range(3)], axis=1)
     drift = np.array([np.polyfit(at_s[keep], angles[keep, k], 1)[0] for k in range(3)]) / np.array([cos_dec, 1.0, 1.0])
     sky = angles - line
     claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2[keep], axis1=1, axis2=2), axis=0))
-    body_figures = axis_figures(BODY_AXES, deviation, keep, at_s, claimed, -rate)
-    sky_figures = axis_figures(SKY_AXES, sky, keep, at_s, np.full(3, np.nan), drift)
+    body_figures = axis_figures(BODY_AXES, deviation[keep], LINE_PARAMETERS, claimed, -rate, rate_sigma)
+    sky_sigma = slope_sigma(sky[keep], at_s[keep])
+    sky_figures = axis_figures(SKY_AXES, sky[keep], LINE_PARAMETERS, np.full(3, np.nan), drift, sky_sigma)
     slope = middle.T @ rate
     warnings = (*check_series(series), *_warnings(slope, rate_sigma, expected, good, deviation, keep, body_figures))
     n, solved = len(series), series.solved
@@ -164,24 +164,26 @@ def _sky_angles(good: AttitudeSeries) -> tuple[Array, float]:
     return angles * np.array([cos_dec, 1.0, 1.0]), cos_dec
 
 
-def _sigma(deviation: Array) -> Array:
-    n = len(deviation)
-    return np.asarray(np.sqrt(np.sum(deviation**2, axis=0) / max(1, n - PER_DEGREE)))
+def _sigma(deviation: Array, parameters: int) -> Array:
+    return np.asarray(np.sqrt(np.sum(deviation**2, axis=0) / (len(deviation) - parameters)))
+
+
+def slope_sigma(residual: Array, at_s: Array) -> Array:
+    """Return the (3,) σ of the slopes of three fitted lines, from their (n, 3) residuals at times ``at_s``."""
+    return np.asarray(_sigma(residual, LINE_PARAMETERS) / np.sqrt(np.sum((at_s - at_s.mean()) ** 2)))
 
 
 def axis_figures(
-    names: tuple[str, ...], deviation: Array, keep: NDArray[np.bool_], at_s: Array, claimed: Array, drift: Array
+    names: tuple[str, ...], deviation: Array, parameters: int, claimed: Array, drift: Array, drift_sigma: Array
 ) -> tuple[AxisFigures, ...]:
-    """Compute the statistics of (n, 3) deviations at times ``at_s`` for the frames in ``keep``. ``claimed``, ``drift``:
-    (3,), see :class:`AxisFigures`."""
-    good = deviation[keep]
-    sigma, freedom = _sigma(good), max(1, len(good) - int(PER_DEGREE))
+    """Compute the statistics of (n, 3) deviations from a model with this number of fitted ``parameters`` per axis.
+    ``claimed``, ``drift``, ``drift_sigma``: (3,), see :class:`AxisFigures`."""
+    sigma, freedom = _sigma(deviation, parameters), len(deviation) - parameters
     # The quantile of χ² is twice the inverse of the incomplete gamma function.
     low, high = (
         np.sqrt(freedom / (2 * gammaincinv(freedom / 2, q))) for q in ((1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2)
     )
-    noise = np.sqrt(np.mean(np.diff(good, axis=0) ** 2, axis=0) / 2)
-    spread_s = np.sqrt(np.sum((at_s[keep] - at_s[keep].mean()) ** 2))
+    noise = np.sqrt(np.mean(np.diff(deviation, axis=0) ** 2, axis=0) / 2)
     return tuple(
         AxisFigures(
             name,
@@ -191,7 +193,7 @@ def axis_figures(
             float(noise[k]),
             float(claimed[k]),
             float(drift[k]),
-            float(sigma[k] / spread_s),
+            float(drift_sigma[k]),
         )
         for k, name in enumerate(names)
     )

@@ -10,13 +10,15 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import matrix_from_quaternion, quaternion_inverse, quaternion_product, turn_between, turned
 from gss.pipeline.analysis.series import FEWEST, AttitudeSeries
-from gss.pipeline.analysis.steady import AxisFigures, axis_figures
+from gss.pipeline.analysis.steady import AxisFigures, axis_figures, slope_sigma
 from gss.pipeline.calibration.advice import Advice
 
 APART_S = 0.05
 """Two frames are simultaneous if their times differ by at most this time or by at most a fortieth of the median
 step."""
 AXES = ("x", "y", "z")
+MEAN_PARAMETERS = 1
+DRIFT_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,12 @@ def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
     claimed = np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0))
     at_s = a.times_s - a.times_s.mean()
     drift = np.array([np.polyfit(at_s, deviation[:, k], 1)[0] for k in range(3)])
-    axes = axis_figures(AXES, deviation, np.ones(len(at_s), bool), at_s, claimed, drift)
+    drift_sigma = slope_sigma(deviation - np.outer(at_s, drift), at_s)
+    axes = axis_figures(AXES, deviation, MEAN_PARAMETERS, claimed, drift, drift_sigma)
     chi = float(np.sqrt(np.mean([(x.sigma_rad / x.claimed_rad) ** 2 for x in axes])))
     advice: list[Advice] = []
     for x in axes:
-        if abs(x.drift_rad_s) > 5 * x.drift_sigma_rad_s:
+        if abs(x.drift_rad_s) > DRIFT_SIGMAS * x.drift_sigma_rad_s:
             text = f"{x.name}: the mounting drifts by {np.degrees(x.drift_rad_s) * 3600 * 3600:.3g}″ an hour"
             advice.append(
                 Advice("drift", text, "check for thermal bending of the structure or a drift between the clocks")
