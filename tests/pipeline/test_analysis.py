@@ -134,6 +134,47 @@ def test_the_rate_of_a_slew_is_measured() -> None:
         slew_test(run(rate), 3.0)
 
 
+SLEW_RAD_S = float(np.radians(0.1333))
+
+
+def slew_run(n: int, noise_rad: float, jitter_rad: float, rng: np.random.Generator) -> AttitudeSeries:
+    """Return a slew about one axis with one frame per second, white attitude noise, and independent errors of the
+    rotation from frame to frame."""
+    angle = np.cumsum(SLEW_RAD_S + jitter_rad * rng.normal(size=n))
+    axis = np.array([0.6, 0.8, 0.0])
+    attitude = Rotation.from_rotvec(rng.normal(size=(n, 3)) * noise_rad) * Rotation.from_rotvec(-angle[:, None] * axis)
+    covariance = np.broadcast_to(np.eye(3) * noise_rad**2, (n, 3, 3)).copy()
+    counts = np.full(n, 12, np.intp)
+    return AttitudeSeries(np.arange(n) * 1.0, attitude.as_quat(), covariance, counts, counts, np.full(n, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("n", "noise_arcsec", "jitter_arcsec"), [(30, 20, 0), (100, 20, 0), (100, 1, 20), (100, 20, 5)]
+)
+def test_the_sigma_of_the_mean_rate_is_its_error(n: int, noise_arcsec: float, jitter_arcsec: float) -> None:
+    """The σ of the mean rate of a slew agrees with the scatter of the mean rate, for attitude noise, whose errors
+    cancel from interval to interval, for rate errors, which do not, and for both."""
+    rng = np.random.default_rng(4)
+    tests = [
+        slew_test(slew_run(n, noise_arcsec * ARCSEC_RAD, jitter_arcsec * ARCSEC_RAD, rng), SLEW_RAD_S)
+        for _ in range(200)
+    ]
+    scatter = np.std([t.mean_speed_rad_s for t in tests])
+    assert 0.7 < np.median([t.mean_sigma_rad_s for t in tests]) / scatter < 1.4
+
+
+def test_a_gap_of_more_than_half_a_turn_does_not_change_the_mean_rate() -> None:
+    """An interval over which the camera turns too far to determine the direction is excluded. At least four other
+    intervals are required."""
+    rate = float(np.radians(1.0))
+    series = run(np.array([rate, 0.0, 0.0]), n=40, step_s=10.0, gap_s=200.0)
+    test = slew_test(series, rate)
+    assert abs(test.mean_speed_rad_s - rate) < 5 * test.mean_sigma_rad_s < 0.001 * rate
+    assert len(test.rate_rad_s) == len(test.times_s) == 38
+    with pytest.raises(BadInput, match="too far"):
+        slew_test(run(np.array([rate, 0.0, 0.0]), n=5, step_s=10.0, gap_s=200.0), rate)
+
+
 def test_attitudes_without_a_slew_give_severe_warnings() -> None:
     """Random attitudes give severe warnings about the rate, the axes and the scatter. A true slew that differs from its
     command gives only one about the rate.

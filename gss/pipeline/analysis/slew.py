@@ -9,7 +9,7 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import turn_between
-from gss.pipeline.analysis.series import AttitudeSeries, check_series, usable
+from gss.pipeline.analysis.series import FEWEST, AttitudeSeries, check_series, usable
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 
@@ -23,11 +23,11 @@ OVER_CLAIM = 10.0
 
 @dataclass(frozen=True)
 class SlewTest:
-    """Result of a slew test over m intervals between frames. ``times_s`` (m,) midpoints; ``rate_rad_s`` (m, 3) in
-    camera axes, ``speed_rad_s`` (m,) its magnitude. ``commanded_rad_s``: commanded speed. ``mean_speed_rad_s`` ±
-    ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector; ``sigma_rad_s`` (3,): scatter along this axis and along two
-    axes perpendicular to it; ``claimed_rad_s``: rms σ of one rate, computed from the covariances that the chain
-    reports."""
+    """Result of a slew test over m intervals between frames, without those over which the commanded rotation is too
+    large to measure. ``times_s`` (m,) midpoints; ``rate_rad_s`` (m, 3) in camera axes, ``speed_rad_s`` (m,) its
+    magnitude. ``commanded_rad_s``: commanded speed. ``mean_speed_rad_s`` ± ``mean_sigma_rad_s``: total rotation by
+    total time; ``axis`` (3,) mean unit vector; ``sigma_rad_s`` (3,): scatter along this axis and along two axes
+    perpendicular to it; ``claimed_rad_s``: rms σ of one rate, computed from the covariances that the chain reports."""
 
     times_s: Array
     rate_rad_s: Array
@@ -59,31 +59,31 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
             hint="use the fixed test for a camera at rest",
         )
     good = usable(series, "a slew test")
-    steps_s = np.diff(good.times_s)
-    turn = -turn_between(good.quaternion[:-1], good.quaternion[1:])
-    if commanded_rad_s * float(steps_s.min()) > MAX_TURN_RAD:
+    start = np.flatnonzero(commanded_rad_s * np.diff(good.times_s) <= MAX_TURN_RAD)
+    if len(start) < FEWEST - 1:
         raise BadInput(
             "the camera rotates too far between two frames to determine the direction",
-            expected=f"under {np.degrees(MAX_TURN_RAD):.0f}° from frame to frame",
-            got=f"{np.degrees(commanded_rad_s * float(steps_s.min())):.0f}°",
+            expected=f"{FEWEST - 1} intervals with a rotation under {np.degrees(MAX_TURN_RAD):.0f}°",
+            got=str(len(start)),
         )
-    rate = turn / steps_s[:, None]
+    steps_s = good.times_s[start + 1] - good.times_s[start]
+    rate = -turn_between(good.quaternion[start], good.quaternion[start + 1]) / steps_s[:, None]
     speed = np.linalg.norm(rate, axis=1)
-    mean = rate.mean(axis=0)
-    axis = mean / max(float(np.linalg.norm(mean)), 1e-300)
-    along = rate @ axis
+    # With the steps as weights, the errors of all attitudes but the first and the last cancel.
+    mean = np.average(rate, axis=0, weights=steps_s)
+    mean_rate = float(np.linalg.norm(mean))
+    axis = mean / max(mean_rate, 1e-300)
     sigma = _scatter(rate, axis)
-    covariance = (good.covariance_rad2[:-1] + good.covariance_rad2[1:]) / steps_s[:, None, None] ** 2
+    covariance = (good.covariance_rad2[start] + good.covariance_rad2[start + 1]) / steps_s[:, None, None] ** 2
     claimed = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)) / 3))
-    mean_sigma = float(sigma[0] / np.sqrt(len(along)))
-    mean_rate = float(along.mean())
+    mean_sigma = _mean_sigma((rate @ axis - mean_rate) * steps_s) / float(steps_s.sum())
     warnings = [
         *check_series(series),
         *_advice(mean_rate, mean_sigma, commanded_rad_s, axis, rate),
         *_doubts(rate, sigma, claimed),
     ]
     return SlewTest(
-        (good.times_s[:-1] + good.times_s[1:]) / 2,
+        (good.times_s[start] + good.times_s[start + 1]) / 2,
         rate,
         speed,
         commanded_rad_s,
@@ -105,6 +105,21 @@ def _scatter(rate: Array, axis: Array) -> Array:
     first /= np.linalg.norm(first)
     frame = np.stack([axis, first, np.cross(axis, first)])
     return np.asarray((rate @ frame.T).std(axis=0, ddof=1))
+
+
+def _mean_sigma(deviation_rad: Array) -> float:
+    """Return the σ of the total rotation, from the (m,) deviations of the intervals from the mean rate.
+
+    The mean square rotation over l intervals is 2 σ² + l q for attitude noise σ and independent rate errors with variance q
+    per interval. It is measured for one interval and for a quarter of the run, and extrapolated to the whole run.
+    """
+    m = len(deviation_rad)
+    lag = max(2, m // 4)
+    angle = np.concatenate([[0.0], np.cumsum(deviation_rad)])
+    single, longer = (float(np.mean((angle[k:] - angle[:-k]) ** 2)) for k in (1, lag))
+    # The deviations add up to zero over the run, so the rate errors give l (1 − l/m) q instead of l q.
+    rate_part = max(0.0, (longer - single) / (lag * (1 - lag / m) - (1 - 1 / m)))
+    return float(np.sqrt(single + (m - 1 + 1 / m) * rate_part))
 
 
 def _advice(measured_rate: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
