@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.rotation import quaternion_from_matrix, quaternion_product, turn_between, turned
+from gss.domain.rotation import quaternion_product, turn_between, turned
 from gss.pipeline.analysis.integration import noise_equivalent_angle
 from gss.pipeline.analysis.sensitivity import detection_limit
 from gss.pipeline.analysis.series import AttitudeSeries, check_series
@@ -21,20 +21,25 @@ from gss.pipeline.analysis.telemetry import telemetry_statistics
 from gss.pipeline.analysis.two_cameras import two_cameras
 
 NOISE_RAD = np.array([9.0, 12.0, 60.0]) * ARCSEC_RAD
-START = quaternion_from_matrix(cam_from_icrs(6.2, -0.59, 0.6))
 POLE = np.array([0.0, 0.0, SIDEREAL_RAD_S])
 
 
 def run(
-    rate_icrs: Array, n: int = 300, step_s: float = 2.0, noise_rad: Array = NOISE_RAD, seed: int = 1, gap_s: float = 0.0
+    rate_icrs: Array,
+    n: int = 300,
+    step_s: float = 2.0,
+    noise_rad: Array = NOISE_RAD,
+    seed: int = 1,
+    gap_s: float = 0.0,
+    dec_rad: float = -0.59,
 ) -> AttitudeSeries:
     """Return a run of a camera that rotates at the constant rate ``rate_icrs``, with white noise about its own axes.
-    ``gap_s`` is inserted in the middle.
+    ``gap_s`` is inserted in the middle. ``dec_rad``: declination of the boresight at the start.
     """
     rng = np.random.default_rng(seed)
     times_s = np.arange(n) * step_s
     times_s[n // 2 :] += gap_s
-    start = Rotation.from_quat(START)
+    start = Rotation.from_matrix(cam_from_icrs(6.2, dec_rad, 0.6))
     # The camera rotates right-handed by ω about axes fixed in ICRS, so C(t) = C₀·R(ω t)⁻¹.
     attitude = start * Rotation.from_rotvec(rate_icrs * times_s[:, None]).inv()
     noisy = Rotation.from_rotvec(rng.normal(size=(n, 3)) * noise_rad) * attitude
@@ -72,6 +77,17 @@ def test_an_earth_fixed_run_gives_noise_and_sidereal_rate() -> None:
     assert np.linalg.norm(test.rate_icrs_rad_s) == pytest.approx(np.linalg.norm(test.expected_icrs_rad_s), rel=0.01)
     assert test.sky[0].drift_rad_s == pytest.approx(SIDEREAL_RAD_S, rel=0.02)
     assert test.warnings == ()
+
+
+def test_the_sigma_of_the_ra_drift_is_its_error_near_the_pole() -> None:
+    """At 80° declination, the σ of the drift in right ascension agrees with the scatter of the drift."""
+    noise_rad = np.full(3, 5 * ARCSEC_RAD)
+    figures = [
+        earth_fixed(run(POLE, n=12, noise_rad=noise_rad, seed=k, dec_rad=float(np.radians(80)))).sky[0]
+        for k in range(60)
+    ]
+    scatter = np.std([f.drift_rad_s for f in figures])
+    assert np.median([f.drift_sigma_rad_s for f in figures]) / scatter == pytest.approx(1, abs=0.25)
 
 
 def test_a_celestially_fixed_camera_has_no_rate() -> None:

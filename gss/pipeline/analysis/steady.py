@@ -40,7 +40,7 @@ class AxisFigures:
     """Statistics of one angle. ``sigma_rad``: standard deviation from the fitted model, with its 95 % interval
     ``low_rad``, ``high_rad`` (frames assumed independent); ``noise_rad``: frame-to-frame noise (NEA); ``claimed_rad``:
     rms of the σ that the chain reports, NaN if the chain reports no σ; ``drift_rad_s``, ``drift_sigma_rad_s``: slope of
-    the fitted line and its σ."""
+    the fitted line and its σ, for the axis RA · cos Dec in RA."""
 
     name: str
     sigma_rad: float
@@ -94,11 +94,13 @@ def _steady(series: AttitudeSeries, expected: Array, fixed_to: str) -> SteadyTes
     rate_sigma = slope_sigma(deviation[keep], at_s[keep])
     angles, cos_dec = _sky_angles(good)
     line = np.stack([np.polyval(np.polyfit(at_s[keep], angles[keep, k], 1), at_s) for k in range(3)], axis=1)
-    drift = np.array([np.polyfit(at_s[keep], angles[keep, k], 1)[0] for k in range(3)]) / np.array([cos_dec, 1.0, 1.0])
+    # The drift of the first axis is given in RA.
+    per_angle = np.array([1 / cos_dec, 1.0, 1.0])
+    drift = np.array([np.polyfit(at_s[keep], angles[keep, k], 1)[0] for k in range(3)]) * per_angle
     sky = angles - line
     claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2[keep], axis1=1, axis2=2), axis=0))
     body_figures = axis_figures(BODY_AXES, deviation[keep], LINE_PARAMETERS, claimed, -rate, rate_sigma)
-    sky_sigma = slope_sigma(sky[keep], at_s[keep])
+    sky_sigma = slope_sigma(sky[keep], at_s[keep]) * per_angle
     sky_figures = axis_figures(SKY_AXES, sky[keep], LINE_PARAMETERS, np.full(3, np.nan), drift, sky_sigma)
     slope = middle.T @ rate
     warnings = (*check_series(series), *_warnings(slope, rate_sigma, expected, good, deviation, keep, body_figures))
