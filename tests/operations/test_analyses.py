@@ -17,7 +17,10 @@ from gss.catalogue_tools.sources.hipparcos import propagate
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
+from gss.operations.report.parts import Plot
+from gss.operations.studies import analysis_sheets
 from gss.operations.studies.analysis_requests import FrameAnalysis, MovingRequest, SheetRequest, TelemetryAnalysis
+from gss.pipeline.analysis.sensitivity import detection_limit
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 from gss.settings import Settings
@@ -113,6 +116,19 @@ def test_a_slew_is_compared_with_the_commanded_rate(server: AnalysisServer) -> N
         start(of_frames("slew", server.fixed, commanded_deg_s=np.degrees(SIDEREAL_RAD_S) / 2), user="x")
     )
     assert "rate" in {n["code"] for n in wrong.result["report"]["notes"]}
+
+
+def test_a_limit_below_which_half_is_missed_is_not_determined() -> None:
+    """If at most half of the bright stars are detected, no magnitude has a share of one half, which the report states."""
+    rng = np.random.default_rng(3)
+    v_mag = rng.uniform(2, 8, 1000)
+    result = detection_limit(v_mag, rng.random(1000) < 0.4 / (1 + np.exp(3 * (v_mag - 5.5))))
+    report = analysis_sheets.sensitivity(result, CAMERA, "night")
+    assert np.isnan([result.mag_50, result.sigma_50]).all()
+    assert report.sections[0].facts[0].value == "not determined"
+    curve = report.sections[0].drawings[0]
+    assert isinstance(curve, Plot)
+    assert [level.label for level in curve.levels] == ["profile"]
 
 
 def test_sensitivity_noise_and_spatial_error(server: AnalysisServer) -> None:

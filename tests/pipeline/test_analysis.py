@@ -222,6 +222,19 @@ def test_the_detection_limit_is_found() -> None:
         detection_limit(v, np.ones(4000, bool))
 
 
+@pytest.mark.parametrize("ceiling", [1.0, 0.65])
+def test_the_sigma_of_the_detection_limit_is_its_error(ceiling: float) -> None:
+    """The σ of the magnitude at which half of the stars are detected agrees with its scatter, also if a part of the
+    bright stars is missed."""
+    rng = np.random.default_rng(9)
+    limits = []
+    for _ in range(200):
+        v = rng.uniform(2, 8, 1500)
+        limits.append(detection_limit(v, rng.random(1500) < ceiling / (1 + np.exp(3 * (v - 5.5)))))
+    ratio = np.median([m.sigma_50 for m in limits]) / np.std([m.mag_50 for m in limits])
+    assert ratio == pytest.approx(1, abs=0.18)
+
+
 def test_noise_decreases_with_integration_time() -> None:
     """Noise proportional to 1/√t gives an exponent of −0.5. A run that is too short is excluded with a warning; one run
     is not enough for a curve.

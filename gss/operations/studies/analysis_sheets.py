@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gss.domain.angles import ARCSEC_RAD, Array
@@ -121,8 +123,12 @@ def slew(result: SlewTest, series: AttitudeSeries, subject: str) -> Report:
 def sensitivity(result: Sensitivity, profile: CameraProfile, subject: str) -> Report:
     """Return the report of the detection limit."""
     profile_limit = profile.sensor.faint_limit_mag
+    limit, levels = Fact("50 % of the stars detected at", "not determined"), [Level(profile_limit, "profile", True)]
+    if np.isfinite(result.mag_50):
+        limit = replace(limit, value=number(result.mag_50, 3), unit="V", note=f"±{number(result.sigma_50, 2)}")
+        levels.append(Level(result.mag_50, "50 %", True))
     facts = [
-        Fact("50 % of the stars detected at", number(result.mag_50, 3), "V", f"±{number(result.sigma_50, 2)}"),
+        limit,
         Fact("90 % detected at", number(finite(result.mag_90), 3), "V"),
         Fact("profile value", number(profile_limit, 3), "V"),
         Fact("bright stars detected", number(100 * result.ceiling, 3), "%"),
@@ -139,7 +145,7 @@ def sensitivity(result: Sensitivity, profile: CameraProfile, subject: str) -> Re
             Series("95 % low", middles, maybe(result.low), "dots"),
             Series("95 % high", middles, maybe(result.high), "dots"),
         ],
-        [Level(result.mag_50, "50 %", True), Level(profile_limit, "profile", True)],
+        levels,
     )
     rows = [
         [f"{lo:.2f} – {hi:.2f}", str(int(n)), str(int(f)), number(100 * f / n, 3) if n else "–"]

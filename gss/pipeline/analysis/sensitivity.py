@@ -21,11 +21,11 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Detection limit of a camera. ``mag_50`` ± ``sigma_50``: magnitude at which half of the stars are detected;
-    ``mag_90``: magnitude at which nine of ten stars are detected; ``width_mag``: difference between both magnitudes.
-    ``ceiling``: detected share of bright stars, which is below 1 if stars are missed at every magnitude. For each of k
-    bins with the edges ``edges_mag`` (k+1,): numbers of ``stars`` and of detected stars (``found``), and the bounds
-    ``low``, ``high`` of the 95 % interval of the detected share."""
+    """Detection limit of a camera. ``mag_50`` ± ``sigma_50``: magnitude at which half of the stars are detected, NaN
+    if not more than half of the bright stars are; ``mag_90``: magnitude at which nine of ten stars are detected;
+    ``width_mag``: difference between both magnitudes. ``ceiling``: detected share of bright stars, which is below 1 if
+    stars are missed at every magnitude. For each of k bins with the edges ``edges_mag`` (k+1,): numbers of ``stars``
+    and of detected stars (``found``), and the bounds ``low``, ``high`` of the 95 % interval of the detected share."""
 
     mag_50: float
     sigma_50: float
@@ -57,7 +57,8 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
     level, slope, covariance = _logistic(v, hit, ceiling)
     mag_50 = _at(level, slope, 0.5 / ceiling)
     mag_90 = _at(level, slope, 0.9 / ceiling) if ceiling > 0.9 else float("nan")
-    gradient = np.array([-1 / slope, level / slope**2])
+    # mag_50 = (logit(0.5 / ceiling) − level) / slope
+    gradient = np.array([-1 / slope, -mag_50 / slope])
     sigma = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
     edges = np.arange(np.floor(v.min() / BIN_MAG), np.ceil(v.max() / BIN_MAG) + 1) * BIN_MAG
     stars = np.histogram(v, edges)[0].astype(np.intp)
