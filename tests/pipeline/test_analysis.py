@@ -249,6 +249,18 @@ def test_noise_decreases_with_integration_time() -> None:
         noise_equivalent_angle({0.1: runs[0.1]})
 
 
+def test_the_sigma_of_the_noise_is_its_error() -> None:
+    """The relative σ of the noise agrees with the scatter of the rms of differences between consecutive frames, and the
+    σ of the exponent follows from it."""
+    n, exposures_s = 20, np.array([0.1, 0.4])
+    curve = noise_equivalent_angle({float(t): run(POLE, n=n, seed=k) for k, t in enumerate(exposures_s)})
+    steps = np.diff(np.random.default_rng(6).normal(size=(3000, n, 2)), axis=1)
+    across = np.sqrt(np.mean(steps**2, axis=(1, 2)))
+    assert curve.relative_sigma == pytest.approx(across.std() / across.mean(), rel=0.1)
+    expected = np.sqrt(2) * curve.relative_sigma[0] / np.ptp(np.log(exposures_s))
+    assert curve.exponent_sigma == pytest.approx(expected, rel=1e-6)
+
+
 def test_two_cameras_give_their_mounting() -> None:
     """The mounting is found within its error, and the difference is consistent with both covariances. A drift gives a
     warning; runs without common times are rejected.

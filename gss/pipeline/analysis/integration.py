@@ -52,7 +52,7 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
         across = float(np.hypot(test.body[0].noise_rad, test.body[1].noise_rad) / np.sqrt(2))
         steps = max(1, test.solved - 1)
         matches = float(series.matches[series.solved].mean())
-        rows.append((exposure_s, across, test.body[2].noise_rad, 1 / np.sqrt(2 * 2 * steps), test.solved, matches))
+        rows.append((exposure_s, across, test.body[2].noise_rad, _relative_sigma(steps), test.solved, matches))
     if len(rows) < MIN_TIMES:
         raise BadInput(
             "too few integration times for a curve",
@@ -76,3 +76,12 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
         float(np.sqrt(covariance[1, 1])),
         tuple(advice),
     )
+
+
+def _relative_sigma(steps: int) -> float:
+    """Return the relative σ of the rms of this number of differences between consecutive frames on two axes.
+
+    Consecutive differences share a frame, so the squares of normally distributed differences have the correlation 1/4.
+    The variance of their mean is therefore 1 + 2/4 times that of independent differences.
+    """
+    return float(np.sqrt(1.5 / (4 * steps)))
