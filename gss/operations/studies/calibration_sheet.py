@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from gss.operations.report.figures import number
@@ -174,6 +175,10 @@ def _length(vector: Sequence[float | None]) -> float | None:
 
 
 def _photometry(photometry: Mapping[str, Any]) -> list[Section]:
+    vignetting = Fact("vignetting in the corner", "not determined")
+    if photometry["corner_loss_sigma"] is not None:
+        sigma = f"σ {number(_percent(photometry['corner_loss_sigma']), 2)} %"
+        vignetting = replace(vignetting, value=number(_percent(photometry["corner_loss"]), 3), unit="%", note=sigma)
     facts = [
         Fact(
             "zero point",
@@ -187,7 +192,7 @@ def _photometry(photometry: Mapping[str, Any]) -> list[Section]:
             "mag/mag",
             f"of B−V, σ {number(photometry['colour_sigma'], 2)}",
         ),
-        Fact("vignetting in the corner", number(_percent(photometry["corner_loss"]), 3), "%"),
+        vignetting,
         Fact(
             "linearity",
             number(photometry["linearity"]),

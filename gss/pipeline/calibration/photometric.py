@@ -20,7 +20,7 @@ from gss.domain.stars import Ids
 from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.histogram import Histogram, histogram
-from gss.pipeline.calibration.photometric_design import Light, corner_radius, light_of, measure
+from gss.pipeline.calibration.photometric_design import MAG, Light, corner_radius, light_of, measure
 from gss.pipeline.calibration.robust import Linear, fit_linear, robust_sigma
 from gss.pipeline.calibration.screening import CLOUD_MAG, frame_offsets_mag
 from gss.pipeline.calibration.sightings import FrameStars
@@ -39,8 +39,9 @@ class PhotometricCalibration:
     with σ NaN if no threshold was given.
 
     ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, where ρ is the distance from the optical centre divided by the distance of
-    the corner; ``corner_loss`` = 1 − light at ρ = 1. ``linearity``: change of measured magnitude per catalogue
-    magnitude, 1 = linear. ``saturation_mag``: V of a star whose peak reaches ``saturation_dn``, NaN if unknown.
+    the corner; ``corner_loss`` = 1 − light at ρ = 1, 0 with σ NaN if all stars are near the centre. ``linearity``:
+    change of measured magnitude per catalogue magnitude, 1 = linear. ``saturation_mag``: V of a star whose peak reaches
+    ``saturation_dn``, NaN if unknown.
     ``sigma_mag``: standard deviation of measured − catalogue; ``robust_sigma_mag``: the same from the median.
     ``frame_offset_mag``: (frames,) light of each frame relative to the median frame, negative if light was lost. Per
     star, ``error_mag``: measured − catalogue, ``used``: in the fit.
@@ -108,6 +109,10 @@ def calibrate_photometry(
     fit, k_area, names = measure(light, usable)
     value = dict(zip(names, fit.coefficients.tolist(), strict=True))
     sigma = dict(zip(names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True))
+    powers = [k for k, name in enumerate(names) if name in ("rho2", "rho4")]
+    if powers:
+        # At the corner, ρ² = ρ⁴ = 1. The coefficients have a correlation near −1.
+        sigma["corner"] = float(np.sqrt(fit.covariance[np.ix_(powers, powers)].sum()))
     error = _error_mag(light, fit, k_area, names)
     used = usable.copy()
     used[usable] = fit.used
@@ -177,7 +182,7 @@ def _result(
     zero = value["zero"]
     dn_s = float(10 ** (0.4 * zero))
     exposure_s = float(np.median(light.exposure_s))
-    lost_mag = value.get("rho2", 0.0) + value.get("rho4", 0.0)
+    corner_light = float(10 ** (0.4 * (value.get("rho2", 0.0) + value.get("rho4", 0.0))))
     # Vignetting dims a star, so its magnitude needs a negative correction.
     v2, v4 = _as_light(value.get("rho2", 0.0), value.get("rho4", 0.0))
     saturation_dn, saturation_mag = _saturation(light, frames, used, zero, exposure_s)
@@ -194,8 +199,8 @@ def _result(
         value.get("colour", 0.0),
         sigma.get("colour", float("nan")),
         (v2, v4),
-        1 - float(10 ** (0.4 * lost_mag)),
-        0.4 * float(np.log(10)) * float(np.hypot(sigma.get("rho2", 0.0), sigma.get("rho4", 0.0))),
+        1 - corner_light,
+        corner_light * sigma.get("corner", float("nan")) / MAG,
         *linearity,
         saturation_dn,
         saturation_mag,

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.instruments.registry import shipped_registry
 from gss.pipeline.calibration.apply import calibrated_profile
 from gss.pipeline.calibration.histogram import histogram
-from gss.pipeline.calibration.photometric import ILLUMINANCE_V0_LUX, calibrate_photometry
+from gss.pipeline.calibration.photometric import ILLUMINANCE_V0_LUX, calibrate_photometry, corner_radius
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
@@ -91,6 +92,43 @@ def test_every_term_is_recovered_within_its_error(star_frames: StarFrames, profi
     assert calibration.linearity == pytest.approx(1.0, abs=0.01)
     assert calibration.magnitude(np.array([v5]), 0.5, 0.0) == pytest.approx([5.0], abs=0.02)
     assert calibration.warnings == ()
+
+
+CAMERA = Camera(1000, 1000, 2000.0, 2000.0, 499.5, 499.5)
+
+
+def random_frames(
+    rng: np.random.Generator, *, count: int = 12, edge: float = 1.0, rho2_mag: float = 0.0, rho4_mag: float = 0.0
+) -> list[FrameStars]:
+    """Return frames of 40 random stars each with a scatter of 0.05 mag and vignetting by a polynomial in magnitudes.
+    ``edge``: part of the half width of the detector that has stars."""
+    frames = []
+    for k in range(count):
+        n = 40
+        pixels = 499.5 + 500 * edge * rng.uniform(-1, 1, (n, 2))
+        v_mag, b_v = rng.uniform(2, 6, n), rng.uniform(-0.2, 1.6, n)
+        rho = np.hypot(*(pixels - 499.5).T) / corner_radius(CAMERA)
+        lost_mag = rho2_mag * rho**2 + rho4_mag * rho**4 + 0.05 * rng.normal(size=n)
+        flux = 1e6 * 10 ** (-0.4 * (v_mag + lost_mag))
+        icrs, area = np.tile([1.0, 0.0, 0.0], (n, 1)), np.full(n, 9, np.int32)
+        hip = np.arange(1, n + 1, dtype=np.int32)
+        frames.append(
+            FrameStars(f"{k}", 1000, 1000, pixels, np.full(n, 0.1), icrs, hip, v_mag, b_v, flux, 0.1 * flux, area, 1.0)
+        )
+    return frames
+
+
+def test_the_sigma_of_the_corner_loss_is_its_error() -> None:
+    """The σ of the light lost in the corner, from two strongly correlated coefficients, agrees with its scatter. If no
+    star is near a corner, the σ is NaN."""
+    rng = np.random.default_rng(4)
+    fits = [calibrate_photometry(random_frames(rng, rho2_mag=0.2, rho4_mag=0.6), CAMERA) for _ in range(150)]
+    losses = np.array([f.corner_loss for f in fits])
+    assert losses.mean() == pytest.approx(1 - 10 ** (-0.4 * 0.8), abs=0.005)
+    assert np.median([f.corner_loss_sigma for f in fits]) / losses.std() == pytest.approx(1, abs=0.25)
+    middle = calibrate_photometry(random_frames(rng, edge=0.3), CAMERA)
+    assert middle.corner_loss == 0
+    assert np.isnan(middle.corner_loss_sigma)
 
 
 def test_area_factor_corrects_the_loss_below_a_threshold(star_frames: StarFrames, profile_of: ProfileOf) -> None:
