@@ -94,6 +94,23 @@ def test_field_on_the_sphere_is_correct_at_any_attitude() -> None:
         np.testing.assert_array_equal(np.sort(inside), projected)
 
 
+def test_field_with_a_corner_at_right_ascension_zero_has_the_correct_pole() -> None:
+    """A square field whose corners or boresight have right ascension zero, apart from rounding, has a pole only if the
+    pole is inside, and selects the same stars as by projection."""
+    square = Camera.from_fov(512, 512, np.radians(11.0))
+    rng = np.random.default_rng(5)
+    for dec_deg in (0, 30, -60, 85.5, 89, 90, -90):
+        for roll_deg in range(0, 360, 45):
+            attitude = cam_from_icrs(0.0, np.radians(dec_deg), np.radians(roll_deg))
+            sky = attitude[2] + rng.normal(0, 0.08, (300, 3))
+            sky /= np.linalg.norm(sky, axis=1, keepdims=True)
+            field = sphere_field(square.corners() @ attitude)
+            inside = stars_inside(field, *ra_dec_from_unit(sky))
+            projected = np.flatnonzero(square.contains(square.project(sky @ attitude.T)))
+            np.testing.assert_array_equal(np.sort(inside), projected)
+            assert field.pole == (np.sign(dec_deg) if abs(dec_deg) > 85 else 0)
+
+
 def test_great_circle_passes_through_its_points() -> None:
     """At the right ascensions of the two points, the declinations of the great circle are those of the points (App. B)."""
     rng = np.random.default_rng(3)

@@ -18,8 +18,8 @@ from gss.domain.angles import TWO_PI_RAD, Array, ra_dec_from_unit
 @dataclass(frozen=True)
 class SphereField:
     """Edges of a field. ``left_rad``, ``width_rad`` (4,): right ascension and extent of each edge; ``normal`` (4, 3):
-    normal of its great circle. ``zero_crossings``: counted as in the document; ``pole``: +1 or −1 if the north or south
-    pole is inside, else 0."""
+    normal of its great circle. ``zero_crossings``: counted as in the document, uncertain by rounding if a corner is
+    at zero; ``pole``: +1 or −1 if the north or south pole is inside, else 0."""
 
     left_rad: Array
     width_rad: Array
@@ -47,8 +47,11 @@ def sphere_field(corners: Array) -> SphereField:
     left = np.where(step >= 0, ra, np.roll(ra, -1))
     width = np.abs(step)
     crossings = int(np.count_nonzero(left + width >= TWO_PI_RAD))
-    middle_z = float(np.sum(c[:, 2]))
-    return SphereField(left, width, np.cross(c, after), crossings, int(np.sign(middle_z)) if crossings % 2 else 0)
+    normal = np.cross(c, after)
+    # A pole is inside if it is on the same side of all edges. The number of crossings would show this too, but rounding
+    # changes it if a corner is at right ascension zero.
+    inside = (normal[:, 2] > 0).all() or (normal[:, 2] < 0).all()
+    return SphereField(left, width, normal, crossings, int(np.sign(c[:, 2].sum())) if inside else 0)
 
 
 def edge_dec_rad(normal: Array, ra_rad: Array) -> Array:
