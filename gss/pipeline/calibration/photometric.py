@@ -20,7 +20,7 @@ from gss.domain.stars import Ids
 from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.histogram import Histogram, histogram
-from gss.pipeline.calibration.photometric_design import MAG, Light, corner_radius, light_of, measure
+from gss.pipeline.calibration.photometric_design import MAG, Light, corner_radius, frame_variance, light_of, measure
 from gss.pipeline.calibration.robust import Linear, fit_linear, robust_sigma
 from gss.pipeline.calibration.screening import CLOUD_MAG, frame_offsets_mag
 from gss.pipeline.calibration.sightings import FrameStars
@@ -33,18 +33,17 @@ LINEAR = 0.02
 
 @dataclass(frozen=True)
 class PhotometricCalibration:
-    """Photometric calibration of a camera. ``zero_point_mag``: V of one DN per second, B−V = 0, on axis;
-    ``zero_point_dn_s``: DN per second of V = 0, and ``zero_point_e_s`` in electrons (NaN without gain).
-    ``k_illum_lux_per_dn``: illuminance per summed brightness at ``exposure_s`` (eq. C.2, 6.24). ``k_area``: eq. C.1, 0
-    with σ NaN if no threshold was given.
+    """Photometric calibration of a camera. ``zero_point_mag``: V of one DN per second, B−V = 0, on axis, with a σ that
+    includes differences between the frames; ``zero_point_dn_s``: DN per second of V = 0, and ``zero_point_e_s`` in
+    electrons (NaN without gain). ``k_illum_lux_per_dn``: illuminance per summed brightness at ``exposure_s`` (eq. C.2,
+    6.24). ``k_area``: eq. C.1, 0 with σ NaN if no threshold was given.
 
     ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, where ρ is the distance from the optical centre divided by the distance of
     the corner; ``corner_loss`` = 1 − light at ρ = 1, 0 with σ NaN if all stars are near the centre. ``linearity``:
     change of measured magnitude per catalogue magnitude, 1 = linear. ``saturation_mag``: V of a star whose peak reaches
-    ``saturation_dn``, NaN if unknown.
-    ``sigma_mag``: standard deviation of measured − catalogue; ``robust_sigma_mag``: the same from the median.
-    ``frame_offset_mag``: (frames,) light of each frame relative to the median frame, negative if light was lost. Per
-    star, ``error_mag``: measured − catalogue, ``used``: in the fit.
+    ``saturation_dn``, NaN if unknown. ``sigma_mag``: standard deviation of measured − catalogue; ``robust_sigma_mag``:
+    the same from the median. ``frame_offset_mag``: (frames,) light of each frame relative to the median frame, negative
+    if light was lost. Per star, ``error_mag``: measured − catalogue, ``used``: in the fit.
     """
 
     zero_point_mag: float
@@ -116,6 +115,7 @@ def calibrate_photometry(
     error = _error_mag(light, fit, k_area, names)
     used = usable.copy()
     used[usable] = fit.used
+    sigma["zero"] = float(np.sqrt(sigma["zero"] ** 2 + frame_variance(light.frame[used], error[used])))
     slope, slope_sigma = _linearity(light.v_mag[used], error[used], warnings)
     return _result(
         light, frames, offsets, value, sigma, k_area, error, used, (slope, slope_sigma), gain_e_per_dn, warnings

@@ -114,3 +114,17 @@ def measure(light: Light, usable: NDArray[np.bool_]) -> tuple[Linear, float, tup
         fit = fit_linear(np.column_stack([base, slope]), (light.v_mag - light.instrumental_mag(k_area))[usable])
         k_area = max(0.0, k_area + float(fit.coefficients[-1]))
     return fit, k_area, (*names, "area")
+
+
+def frame_variance(frame: NDArray[np.intp], error_mag: Array) -> float:
+    """Return the variance of the mean of (n,) errors that is due to different light in different frames (haze), beyond the
+    scatter of the stars. Zero if there is one frame or one star per frame, from which it cannot be determined."""
+    _, index, stars = np.unique(frame, return_inverse=True, return_counts=True)
+    n, frames = len(error_mag), len(stars)
+    if not 1 < frames < n:
+        return 0.0
+    means = np.bincount(index, error_mag) / stars
+    within = float(np.sum((error_mag - means[index]) ** 2)) / (n - frames)
+    between = float(np.sum(stars * (means - error_mag.mean()) ** 2))
+    share = float(np.sum(stars**2)) / n
+    return max(0.0, between - (frames - 1) * within) / (n - share) * share / n
