@@ -34,7 +34,7 @@ class AttitudeHistory:
 
     def at(self, times_s: Array) -> Array:
         """Return (n, 4) quaternions at (n,) Unix seconds, interpolated with a constant rate. NaN outside the time span and between
-        attitudes that are more than ``MAX_GAP_S`` apart."""
+        attitudes that are more than ``MAX_GAP_S`` apart, but not at the times of the attitudes themselves."""
         if len(self.times_s) == 1:
             same = np.abs(times_s - self.times_s[0]) < 1e-3
             return np.where(same[:, None], self.quaternions[0], np.nan)
@@ -43,5 +43,6 @@ class AttitudeHistory:
         fraction = (times_s - before) / (after - before)
         rotation = turn_between(self.quaternions[k], self.quaternions[k + 1])
         interpolated = turned(self.quaternions[k], rotation * fraction[:, None])
-        valid = (times_s >= before) & (times_s <= after) & (after - before <= MAX_GAP_S)
+        near = (after - before <= MAX_GAP_S) | (times_s == before) | (times_s == after)
+        valid = (times_s >= before) & (times_s <= after) & near
         return np.where(valid[:, None], interpolated, np.nan)

@@ -97,7 +97,7 @@ def test_directions_orders_and_time_scales_of_other_writers_are_read() -> None:
 
 def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> None:
     """Halfway between two attitudes, half of the rotation has taken place. Outside the times and in gaps there is no
-    attitude.
+    attitude, except at the times of the attitudes themselves.
     """
     halves = HISTORY.at(HISTORY.times_s[:4] + 5)
     first_half = turn_between(HISTORY.quaternions[:4], halves)
@@ -105,6 +105,7 @@ def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> No
     assert np.isnan(HISTORY.at(np.array([START_S, START_S + 60]))).all()
     sparse = AttitudeHistory("a", "b", HISTORY.times_s * 100, HISTORY.quaternions, HISTORY.sigma_rad)
     assert np.isnan(sparse.at(sparse.times_s[:1] + 500)).all()
+    assert np.allclose(sparse.at(sparse.times_s), sparse.quaternions)
 
 
 @pytest.mark.parametrize(
