@@ -39,7 +39,8 @@ class TelemetryFigures:
 
 
 def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
-    """Compute the figures from consecutive attitudes. Raises BadInput with fewer than five, or if no three are equally spaced."""
+    """Compute the figures from consecutive attitudes. Raises BadInput with fewer than five. The noise is NaN, with the
+    severe warning ``few``, if fewer than three times three attitudes are equally spaced."""
     good = usable(series, "statistics")
     steps = np.diff(good.times_s)
     usual = float(np.median(steps))
