@@ -27,6 +27,7 @@ export function keyOf(v: { name: string; packet: string }): string {
 
 const SPARK_POINTS = 60;
 const HISTORY = 300;
+const CHECK_MS = 5000;
 
 /* Lists are replaced and never changed in place; otherwise each field of each row would be reactive. */
 class Live {
@@ -296,6 +297,7 @@ class Live {
         open: () => new EventSource(`${base}/api/stream`),
         backfill: (after) => api.events(after),
         later: (run, ms) => setTimeout(() => void session.back().then(run), ms),
+        watch: (check) => setInterval(check, CHECK_MS),
         now: () => Date.now(),
       },
       {

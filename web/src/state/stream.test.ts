@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { EventRow } from '../api/types';
-import { Stream, type StreamHandlers, type StreamSource, type TopicHandlers } from './stream';
+import { SILENT_MS, Stream, type StreamHandlers, type StreamSource, type TopicHandlers } from './stream';
 
 const row = (seq: number): EventRow => ({
   seq,
@@ -25,6 +25,8 @@ function rig(missed: EventRow[] = []) {
   const log: string[] = [];
   const sources: { after: number; fake: Fake }[] = [];
   const waits: { ms: number; run: () => void }[] = [];
+  const checks: (() => void)[] = [];
+  const clock = { ms: 7 };
   const handlers: StreamHandlers = {
     topics: new Proxy({} as TopicHandlers, {
       get: (_, topic: string) => (message: EventRow) => log.push(topic === 'event' ? `event ${message.seq}` : topic),
@@ -41,11 +43,12 @@ function rig(missed: EventRow[] = []) {
       },
       backfill: async (after) => missed.filter((e) => e.seq > after),
       later: (run, ms) => waits.push({ ms, run }),
-      now: () => 7,
+      watch: (check) => checks.push(check),
+      now: () => clock.ms,
     },
     handlers,
   );
-  return { stream, log, sources, waits };
+  return { stream, log, sources, waits, checks, clock };
 }
 const event = (seq: number): ['event', string, string] => ['event', JSON.stringify(row(seq)), String(seq)];
 const settle = (): Promise<void> => new Promise((r) => setTimeout(r, 0));
@@ -142,6 +145,20 @@ describe('the event stream', () => {
     stream.reconnect();
     waits[0]?.run();
     expect(sources.length).toBe(2);
+  });
+  it('connects again if no message arrives for some time', () => {
+    const { stream, log, sources, waits, checks, clock } = rig();
+    stream.start();
+    clock.ms += SILENT_MS;
+    stream.received('link', '{}', '');
+    clock.ms += SILENT_MS;
+    checks[0]?.();
+    expect(log).toEqual(['link']);
+    clock.ms += 1;
+    checks[0]?.();
+    expect(log).toEqual(['link', `offline ${clock.ms}`]);
+    waits[0]?.run();
+    expect([sources.length, sources[0]?.fake.closed]).toEqual([2, true]);
   });
   it('opens no new connection after it was stopped', () => {
     const { stream, sources, waits } = rig();

@@ -11,6 +11,8 @@ export interface StreamParts {
   open: (after: number) => StreamSource;
   backfill: (after: number) => Promise<EventRow[]>;
   later: (run: () => void, ms: number) => unknown;
+  /** Call the function every few seconds. */
+  watch: (check: () => void) => unknown;
   now: () => number;
 }
 /** Handlers of the messages, by topic. An unknown or missing topic does not compile. */
@@ -22,6 +24,11 @@ export interface StreamHandlers {
 }
 const FIRST_WAIT_MS = 500;
 const MAX_WAIT_MS = 8000;
+/**
+ * The server sends a message every second. After this time without one, the connection is considered lost, because a
+ * browser does not notice a lost network for minutes.
+ */
+export const SILENT_MS = 20_000;
 
 export class Stream {
   lastSeq = 0;
@@ -31,16 +38,20 @@ export class Stream {
   private wait = FIRST_WAIT_MS;
   private lost: number | null = null;
   private stopped = false;
+  private heardMs = 0;
   /** True after a failed connection, until the next one is opened. */
   private waiting = false;
 
   constructor(
     private readonly parts: StreamParts,
     private readonly handlers: StreamHandlers,
-  ) {}
+  ) {
+    parts.watch(() => this.checkSilence());
+  }
 
   start(): void {
     this.waiting = false;
+    this.heardMs = this.parts.now();
     this.source = this.parts.open(this.lastSeq);
     this.source.onopen = () => void this.opened();
     this.source.onerror = () => this.failed();
@@ -58,12 +69,18 @@ export class Stream {
     this.source?.close();
   }
 
+  private checkSilence(): void {
+    const open = this.source !== null && !this.waiting && !this.stopped;
+    if (open && this.parts.now() - this.heardMs > SILENT_MS) this.failed();
+  }
+
   /**
    * Process a message. A recorded event is handled once, even if it arrives repeatedly; state messages are always
    * handled. A gap in the numbers shows a loss: recorded events are then fetched, and `dropped` is reported even if the
    * server could not send it. `id` is "12" for recorded events, otherwise "12.345".
    */
   received<K extends Topic>(topic: K, text: string, id: string): void {
+    this.heardMs = this.parts.now();
     const message = JSON.parse(text) as Topics[K];
     if (topic === 'event') return this.recorded(message as EventRow);
     if (topic === 'dropped') {
