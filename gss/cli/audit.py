@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.accounts_store import account_store, with_data
+from gss.cli.whole_files import write_pieces
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -50,8 +51,7 @@ def export(arguments: argparse.Namespace) -> int:
     with account_store(arguments) as store:
         pieces = store.audit.export(arguments.format)
         if arguments.out:
-            with arguments.out.open("w", encoding="utf-8") as file:
-                file.writelines(pieces)
+            write_pieces(arguments.out, pieces)
         else:
             sys.stdout.writelines(pieces)
         store.record("audit_export", str(arguments.out or "standard output"))

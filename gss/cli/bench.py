@@ -22,6 +22,8 @@ TABLE = "CSV file of numbers; lines that do not start with a number are ignored"
 
 def register(subparsers: Commands) -> None:
     """Add the command and its methods."""
+    from gss.cli.night import add_report_file
+
     p = subparsers.add_parser(
         "bench",
         description="Methods of Jacobs 1995 ch. 6 and Erlank 2013 §5.4. Exit code 0: done, 2: bad input.",
@@ -31,7 +33,7 @@ def register(subparsers: Commands) -> None:
     def method(name: str, description: str, camera: bool = True) -> argparse.ArgumentParser:
         parser = methods.add_parser(name, help=description, description=description)
         parser.add_argument("--camera", metavar="INSTRUMENT", required=camera, help=CAMERA_HELP)
-        parser.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
+        add_report_file(parser)
         parser.add_argument("--json", action="store_true", help="print one JSON object")
         parser.set_defaults(run=run_bench_command)
         return parser

@@ -34,6 +34,7 @@ def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def export_commands(arguments: argparse.Namespace) -> int:
     """Write the matching commands."""
     from gss.cli.records import services_of
+    from gss.cli.whole_files import write_pieces
 
     command_filter = filter_of(arguments)
     services = services_of(arguments)
@@ -45,8 +46,7 @@ def export_commands(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         sys.stdout.writelines(pieces)
     else:
-        with arguments.out.open("w", encoding="utf-8", newline="") as file:
-            file.writelines(pieces)
+        write_pieces(arguments.out, pieces)
     return 0
 
 

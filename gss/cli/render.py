@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
-from gss.cli.render_sequence import add_sequence_options, check_new, render_sequence, sky_attitude, write_whole
+from gss.cli.render_sequence import add_sequence_options, check_new, render_sequence, sky_attitude
 from gss.cli.solve import angles, check_exposure, julian_year
+from gss.cli.whole_files import write_whole
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from gss.cli.input_files import TEXT_BYTES, read_file
 from gss.cli.solve import angles, attitude, julian_year, moment
+from gss.cli.whole_files import write_whole
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.clock import utc_now
 
@@ -98,19 +99,6 @@ def check_new(paths: Sequence[Path], overwrite: bool) -> None:
     if present and not overwrite:
         more = f" and {len(present) - 1} more" if len(present) > 1 else ""
         raise Conflict(f"{present[0]}{more} would be overwritten", hint="choose another name, or add --overwrite")
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file in a folder that exists. If this fails, for example because the disk is full, an existing file is
-    unchanged. Raises BadInput, OSError."""
-    if not path.parent.is_dir():
-        raise BadInput("the folder of the output does not exist", expected="an existing folder", got=str(path.parent))
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _motion(arguments: argparse.Namespace, request: RenderRequest) -> tuple[datetime, Motion]:

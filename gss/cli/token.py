@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from gss.cli.accounts_store import account_store, with_data
+from gss.domain.errors import BadInput
 from gss.operations.accounts.permissions import ALL, ROLES
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ def register(subparsers: Commands) -> None:
     p.add_argument(
         "--only",
         metavar="PERMISSIONS",
-        default="",
         help=f"restrict the token to these permissions, separated by commas: {', '.join(sorted(ALL))}",
     )
     p.set_defaults(run=add_token)
@@ -44,7 +44,9 @@ def list_tokens(arguments: argparse.Namespace) -> int:
 
 def add_token(arguments: argparse.Namespace) -> int:
     """Create a token and print only its key, so that scripts can read it."""
-    scopes = [scope.strip() for scope in arguments.only.split(",") if scope.strip()]
+    scopes = [scope.strip() for scope in (arguments.only or "").split(",") if scope.strip()]
+    if arguments.only is not None and not scopes:  # no permissions mean all permissions of the role
+        raise BadInput("--only has no permission", expected="permissions, separated by commas", got=arguments.only)
     with account_store(arguments) as store:
         new_token = store.accounts.tokens.add(
             arguments.name, arguments.role, arguments.days, by=store.user, scopes=scopes

@@ -193,8 +193,8 @@ def retention(arguments: argparse.Namespace) -> int:
         services.base.trust.confirm(services.base.trust.state().now, user="the shell")
     clock, waiting = services.base.trust.state(), services.upkeep.retention.waiting()
     policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast.now()
-    removal = services.upkeep.retention.preview(policy)
-    facts = {
+    removal, failed = services.upkeep.retention.preview(policy), 0
+    facts: dict[str, Any] = {
         "policy": policy.model_dump(),
         "forecast": asdict(forecast),
         "clock": asdict(clock),
@@ -205,11 +205,15 @@ def retention(arguments: argparse.Namespace) -> int:
             confirmed = confirmation(removal) if arguments.confirm else None
             job = services.upkeep.retention.run(user="the shell", confirmed=confirmed)
             services.base.jobs.finish()
-            facts["removed"] = services.base.jobs.get(job.id).result.get("removed", {})
+            job = services.base.jobs.get(job.id)
+            facts |= {"removed": job.result.get("removed", {}), "state": job.state}
+            if job.state != "done":
+                failed = 1
+                print(f"gss: the removal is {job.state}: {job.text}", file=sys.stderr)
     services.base.database.close()
     if arguments.json:
         print(json.dumps(facts, default=str))
-        return 0
+        return failed
     _print_rows(_POLICY_ROWS, facts["policy"])
     _print_rows(_FORECAST_ROWS, facts["forecast"])
     if clock.doubt:
@@ -222,7 +226,7 @@ def retention(arguments: argparse.Namespace) -> int:
         )
     if arguments.now:
         _print_rows(_REMOVED_ROWS, facts["removed"])
-    return 0
+    return failed
 
 
 def check_store(arguments: argparse.Namespace) -> int:

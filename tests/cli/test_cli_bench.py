@@ -174,3 +174,13 @@ def test_invalid_bench_input_is_rejected_with_a_message(tmp_path: Path, capsys: 
     for arguments, expected in cases:
         assert main(["bench", *arguments]) == 2, arguments
         assert expected.lower() in capsys.readouterr().err.lower(), arguments
+
+
+def test_an_unknown_report_format_is_rejected_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The table does not exist either, but only the format is reported."""
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "dots", str(tmp_path / "none.csv"), "--out", str(tmp_path / "result.txt")])
+    assert ended.value.code == 2
+    assert "unknown report format" in capsys.readouterr().err

@@ -79,3 +79,14 @@ def test_invalid_spans_are_rejected(capsys, folder, options):
     """An invalid or empty span is rejected with a message."""
     assert main(["export", "commands", "--data", str(folder), *options]) != 0
     assert "not a valid time" in (words := capsys.readouterr().err) or "span is empty" in words
+
+
+def test_a_rejected_export_leaves_the_file_as_it_was(capsys, folder, tmp_path):
+    """The time span is empty. The file of the last export is kept."""
+    out = tmp_path / "commands.csv"
+    export(capsys, folder, "--out", str(out))
+    before = out.read_bytes()
+    span = ("--from", "2026-12-02", "--to", "2026-12-01")
+    assert main(["export", "commands", "--data", str(folder), *span, "--out", str(out)]) == 2
+    assert out.read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".part"] == []

@@ -136,3 +136,17 @@ def test_invalid_input_gives_one_line_without_a_traceback(folder, tmp_path, caps
     assert len(lines) == 4
     assert all(line.startswith("gss: ") for line in lines)
     assert "GSS_PORT" in lines[3] or "port" in lines[3]
+
+
+def test_a_failed_removal_is_reported_with_an_exit_code(folder, capsys, monkeypatch):
+    """A removal that cannot delete files ends with exit code 1 and its reason, also as JSON."""
+
+    def fails(*_):
+        raise OSError(5, "Input/output error")
+
+    assert main(["retention", "--data", str(folder), "--confirm-clock"]) == 0
+    monkeypatch.setattr("gss.operations.upkeep.retention.RetentionService._remove", fails)
+    for options in ([], ["--json"]):
+        capsys.readouterr()
+        assert main(["retention", "--data", str(folder), "--run", *options]) == 1
+        assert "the removal is failed: Internal error" in capsys.readouterr().err

@@ -1,0 +1,35 @@
+"""Output files that are written completely or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gss.domain.errors import BadInput
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file in a folder that exists. If this fails, for example because the disk is full, an existing file is
+    unchanged. Raises BadInput, OSError."""
+    with _part_of(path) as part:
+        part.write_bytes(data)
+
+
+def write_pieces(path: Path, pieces: Iterable[str]) -> None:
+    """Write a text file, as :func:`write_whole`. ``pieces``: can raise an error at any piece. Line ends are not changed."""
+    with _part_of(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(pieces)
+
+
+@contextmanager
+def _part_of(path: Path) -> Iterator[Path]:
+    """Return a new file beside ``path``, which replaces it at the end of the block."""
+    if not path.parent.is_dir():
+        raise BadInput("the folder of the output does not exist", expected="an existing folder", got=str(path.parent))
+    part = path.with_name(path.name + ".part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
