@@ -92,10 +92,9 @@ class HostSession:
         mismatch is unacknowledged.
         """
         self.check_allowed(order.command.name)
-        if request_id is None:
-            return self._add(order)
-        self._events.append(self._command_queue.add(request_id, order))
-        return request_id
+        used = self._ids() if request_id is None else request_id
+        self._events.append(self._command_queue.add(used, order))
+        return used
 
     def reserve(self) -> int:
         """Return a request id for a later ``submit``, so that the owner can store it before the command is queued."""
@@ -105,8 +104,8 @@ class HostSession:
         """Raise Conflict while a dictionary mismatch is unacknowledged, NotFound if there is no such command."""
         self._handshake.check_allowed(name)
 
-    def _add(self, order: EncodedCommand, *, urgent: bool = False) -> int:
-        self._events.append(self._command_queue.add(self._ids.following, order, urgent=urgent))
+    def _add_urgent(self, name: str) -> int:
+        self._events.append(self._command_queue.add(self._ids.following, self.encode(name, {}), urgent=True))
         return self._ids()
 
     def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]:
@@ -136,7 +135,7 @@ class HostSession:
 
     def abort(self, now_s: float) -> int:
         """Queue ABORT before all other commands; it is never blocked. Returns its request id."""
-        return self._add(self.encode("ABORT", {}), urgent=True)
+        return self._add_urgent("ABORT")
 
     def acknowledge_mismatch(self) -> None:
         """Accept that the device has another dictionary; packets are then sent with the device's prefix."""
@@ -197,7 +196,7 @@ class HostSession:
             self._pacer.refill(now_s, self.transfers.line_bytes_s)
             self._events += self._command_queue.expire(now_s)
             if self._handshake.is_due(now_s):
-                self._add(self.encode("HELLO", {}), urgent=True)
+                self._add_urgent("HELLO")
             out += self._commands(now_s)
             out += [self._frame(m) for m in self.transfers.step(now_s, self._ids)]
             self._pacer.spend(sum(map(len, out)))
@@ -275,8 +274,10 @@ class HostSession:
     def _identified(self, values: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
         previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
         if previous is not None and previous.serial != hello.serial:
-            # Commands for one unit must never reach another unit.
-            self._events += self._command_queue.abandon(f"The unit {hello.serial} answered, not {previous.serial}.")
+            # Commands and transfers for one unit must never reach another unit.
+            reason = f"unit {hello.serial} answered, not {previous.serial}"
+            self._events += self._command_queue.abandon(f"The {reason}.")
+            self.transfers.abandon(reason)
         if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()
         self._receiver.sequence.hello(device_time_s)
@@ -318,8 +319,7 @@ class HostSession:
             self._handshake.ask_at(now_s)
 
     def _take_events(self, now_s: float) -> list[SessionEvent]:
-        self._events += self.transfers.news(now_s)
-        events, self._events = self._events, []
+        events, self._events = [*self._events, *self.transfers.news(now_s)], []
         return events
 
     # --- state --------------------------------------------------------------------------------------------------

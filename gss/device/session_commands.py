@@ -23,7 +23,11 @@ ORDER = {s: i for i, s in enumerate((Stage.SENT, Stage.ACCEPTED, Stage.STARTED, 
 
 @dataclass
 class CommandRecord:
-    """One tracked command. ``deadline_s``: time at which the current timeout expires; None if no timeout is running."""
+    """One tracked command.
+
+    ``deadline_s``: time at which the current timeout expires; None if no timeout is running. ``urgent``: True if the
+    session sends the command to every unit, also before the unit has identified itself (HELLO, ABORT).
+    """
 
     request_id: int
     command: CommandDefinition
@@ -31,6 +35,7 @@ class CommandRecord:
     stage: Stage = Stage.QUEUED
     attempt: int = 1
     deadline_s: float | None = None
+    urgent: bool = False
     was_unknown: bool = field(default=False)
 
     def event(self, *, late: bool = False, **facts: Unpack[ReportFacts]) -> CommandUpdate:
@@ -61,6 +66,7 @@ class CommandQueue:
     def add(self, request_id: int, order: EncodedCommand, *, urgent: bool = False) -> CommandUpdate:
         """Queue a command."""
         record = self._make(request_id, order)
+        record.urgent = urgent
         (self._urgent if urgent else self._queue).append(record)
         return record.event()
 
@@ -119,9 +125,11 @@ class CommandQueue:
     def abandon(self, detail: str) -> list[CommandUpdate]:
         """Drop all commands meant for the previous unit after another unit has identified itself.
 
-        Queued commands are withdrawn; commands of unknown outcome can no longer be retried.
+        Queued commands are withdrawn. Commands under way become UNKNOWN, and commands of unknown outcome can no longer
+        be retried. HELLO and ABORT continue, because they can have been sent to the new unit.
         """
-        events = self.clear(detail)
+        under_way = [r for r in self._records.values() if r.deadline_s is not None and not r.urgent]
+        events = [*self.clear(detail), *(self._lose(r, detail) for r in under_way)]
         for request_id in [i for i, r in self._records.items() if r.stage is Stage.UNKNOWN]:
             del self._records[request_id]
         return events

@@ -172,6 +172,15 @@ class TransferManager:
             if transfer.state in MOVING:
                 self._exchange.lose(transfer, "the line was lost", 0.0)
 
+    def abandon(self, reason: str) -> None:
+        """Set all transfers for the previous unit to failed after another unit has identified itself."""
+        self._exchange.out.clear()
+        self._by_session.clear()
+        for transfer in self._transfers.values():
+            if transfer.state not in ENDED:
+                transfer.session = None
+                transfer.to(TransferState.FAILED, reason)
+
     def line_back(self, now_s: float) -> None:
         """Reopen transfers interrupted by a line loss or a restart, after the device has identified itself."""
         self.line_is_up = True

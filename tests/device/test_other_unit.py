@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
 from gss.device.session_events import Stage
 from gss.device.simulator.machine import Identity, SimulatedDevice
@@ -16,6 +17,17 @@ from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_di
 
 if TYPE_CHECKING:
     from conftest import Bench
+
+
+def replace_unit(bench: Bench) -> None:
+    """Open the line again, with another unit on it."""
+    bench.events += bench.host.link_lost(bench.now_s)
+    bench._up.clear()
+    bench._down.clear()
+    bench.device = SimulatedDevice(
+        bench.dictionary, Identity(serial="SIM-0002", line_baud=bench.baud), bench.memory, bench.tracker, bench.now_s
+    )
+    bench.host.link_up(bench.now_s)
 
 
 def test_no_command_is_sent_before_the_device_identifies_itself(bench: Bench) -> None:
@@ -50,6 +62,45 @@ def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> 
     assert "SIM-0002 answered" in last.detail
     with pytest.raises(NotFound):
         bench.host.retry(lost, bench.now_s)
+
+
+def test_no_transfer_continues_on_another_unit(bench: Bench) -> None:
+    """If another unit answers, transfers that are interrupted, queued or paused fail with its name in the reason, and the new unit
+    receives no message of them."""
+    fits = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, format_version=1)
+    upload = bench.host.transfers.start_upload("catalogue", 1, bytes(100_000), fits)
+    bench.until(lambda: bench.host.transfer(upload).stored_bytes > 0)
+    queued, paused = (bench.host.transfers.start_download("frame", slot) for slot in (0, 1))
+    bench.host.transfers.pause(paused)
+    replace_unit(bench)
+    bench.until(lambda: bench.host.hello.serial == "SIM-0002")
+    started = bench.host.transfers.start_download("catalogue", 3)
+    bench.until(lambda: bench.host.transfer(started).stored_bytes > 0)
+    for transfer_id in (upload, queued, paused):
+        end = bench.host.transfer(transfer_id)
+        assert (end.state, end.reason) == ("failed", "unit SIM-0002 answered, not SIM-0001")
+        assert [u.state for u in bench.updates(transfer_id)].count("opening") == (transfer_id == upload)
+
+
+def test_a_command_under_way_cannot_be_retried_on_another_unit(bench: Bench) -> None:
+    """If another unit answers on an open line, the outcome of a command under way is unknown and the command cannot be retried.
+    ABORT, which the new unit can have received, still ends with its report."""
+    under_way = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 77}))
+    bench.connected = False
+    bench.run(0.05)
+    assert bench.stage(under_way) is Stage.SENT
+    bench._up.clear()
+    bench.device._identity = Identity(serial="SIM-0002")
+    bench.connected = True
+    bench.host._handshake.ask_at(bench.now_s)  # as the BOOT event of the new unit does
+    bench.step()
+    abort = bench.host.abort(bench.now_s)
+    bench.until(lambda: bench.host.hello.serial == "SIM-0002")
+    last = bench.stages(under_way)[-1]
+    assert (last.stage, last.detail) == (Stage.UNKNOWN, "The unit SIM-0002 answered, not SIM-0001.")
+    with pytest.raises(NotFound):
+        bench.host.retry(under_way, bench.now_s)
+    bench.until(lambda: bench.stage(abort) is Stage.COMPLETED)
 
 
 def test_a_unit_with_an_earlier_wording_of_the_same_layout_is_commanded_as_usual(
