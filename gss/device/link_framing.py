@@ -61,8 +61,8 @@ class CutFramer:
         while self._buffer:
             at = self._buffer.find(self._sync)
             if at < 0:
-                keep = len(self._sync) - 1
-                tail = self._buffer[len(self._buffer) - keep :] if keep and len(self._buffer) >= keep else b""
+                keep = min(len(self._sync) - 1, len(self._buffer))  # the start of a mark can be at the end
+                tail = self._buffer[len(self._buffer) - keep :]
                 self.unframed += len(self._buffer) - len(tail)
                 self._buffer = tail
                 break

@@ -11,6 +11,7 @@ from gss.device.checksum import checksum_named
 from gss.device.driver import UnitSetup, driver_named
 from gss.device.exchange_session import ExchangeSession
 from gss.device.link_driver import open_session
+from gss.device.link_framing import CutFramer
 from gss.device.session_events import CommandUpdate, HelloReceived, Stage, Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.instruments.dictionary.read_dictionary import parse_dictionary
@@ -166,6 +167,20 @@ def test_a_length_in_the_header_delimits_packets_and_the_id_finds_the_request() 
     assert [e.values["number"] for e in response if isinstance(e, Telemetry)] == [0x1234]
     assert stages(response) == [Stage.COMPLETED]
     assert session.counters.received.unframed == 2
+
+
+@pytest.mark.parametrize("noise", [b"", b"\x00", b"\x00\x1a\xcf\xfc"])
+@pytest.mark.parametrize("sync", [b"\x1b", b"\x1a\x1b", b"\x1a\xcf\x1d", b"\x1a\xcf\xfc\x1d"])
+def test_no_packet_is_lost_if_a_read_ends_inside_its_sync_mark(sync: bytes, noise: bytes) -> None:
+    """Two reads that split noise and two packets at any byte return both packets; only the noise is counted as unframed."""
+    packet = b"12345678"
+    stream = noise + sync + packet + sync + packet
+    for split in range(len(stream) + 1):
+        framer = CutFramer(sync, b"", None, "big")
+        packets = []
+        for data in (stream[:split], stream[split:], b""):
+            packets += framer.feed(data, (len(packet),))
+        assert (packets, framer.unframed) == ([packet, packet], len(noise)), split
 
 
 def test_a_request_without_response_is_unknown_and_the_next_one_is_sent() -> None:
