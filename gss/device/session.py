@@ -138,7 +138,7 @@ class HostSession:
         return self._add_urgent("ABORT")
 
     def acknowledge_mismatch(self) -> None:
-        """Accept that the device has another dictionary; packets are then sent with the device's prefix."""
+        """Accept the device's different dictionary until another one answers; packets then have the device's prefix."""
         self._handshake.acknowledge()
 
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
@@ -234,7 +234,7 @@ class HostSession:
         command = self._dictionary.command_of_code(packet.code) if packet.type is PacketType.REPORT else None
         if command is not None:
             self._report(packet, command, now_s)
-        elif packet.prefix not in self._dictionary.prefixes and not self._handshake.acknowledged:
+        elif not self._handshake.can_decode(packet.prefix):
             # Telemetry of another dictionary would decode to wrong values.
             self._undecodable += 1
         elif packet.type is PacketType.TELEMETRY:

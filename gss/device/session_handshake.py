@@ -44,18 +44,26 @@ class Handshake:
         return True
 
     def met(self, values: Mapping[str, Value], device_time_s: float) -> HelloReceived:
-        """Process the answer to HELLO. The acknowledgement of a mismatch is valid until the dictionaries match."""
-        self.hello = read_hello(values, device_time_s, self._dictionary)
-        if self.hello.dictionary_match:
-            self._sender.prefix, self.acknowledged = int(self.hello.dictionary_hash[:4], 16), False
+        """Process the answer to HELLO. The acknowledgement of a mismatch is valid until another dictionary answers."""
+        previous, self.hello = self.hello, read_hello(values, device_time_s, self._dictionary)
+        self.acknowledged &= previous is not None and previous.dictionary_hash == self.hello.dictionary_hash
+        self._sender.prefix = self._prefix_of(self.hello) if self.agreed else self._dictionary.prefix
         self._due_s, self.greeted = None, True
         return self.hello
 
     def acknowledge(self) -> None:
-        """Accept the dictionary mismatch; packets are sent with the device's prefix."""
-        self.acknowledged = True
+        """Accept the mismatch of the dictionary that answered last; packets are sent with the device's prefix. Without
+        an answer there is no effect."""
         if self.hello is not None:
-            self._sender.prefix = int(self.hello.dictionary_hash[:4], 16)
+            self.acknowledged, self._sender.prefix = True, self._prefix_of(self.hello)
+
+    @staticmethod
+    def _prefix_of(hello: HelloReceived) -> int:
+        return int(hello.dictionary_hash[:4], 16)
+
+    def can_decode(self, prefix: int) -> bool:
+        """True if packets with this prefix have the session's dictionary, or the dictionary that was acknowledged."""
+        return prefix in self._dictionary.prefixes or (self.acknowledged and prefix == self._sender.prefix)
 
     @property
     def agreed(self) -> bool:

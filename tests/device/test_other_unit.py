@@ -12,21 +12,23 @@ from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
 from gss.device.session_events import Stage
 from gss.device.simulator.machine import Identity, SimulatedDevice
-from gss.domain.errors import NotFound
+from gss.domain.errors import Conflict, NotFound
 from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
 
 if TYPE_CHECKING:
     from conftest import Bench
 
 
-def replace_unit(bench: Bench) -> None:
-    """Open the line again, with another unit on it."""
+def replace_unit(bench: Bench, *, serial: str = "SIM-0002", device_hash: bytes | None = None) -> None:
+    """Open the line again, with another unit on it. ``device_hash``: hash of its dictionary, by default that of the host."""
     bench.events += bench.host.link_lost(bench.now_s)
     bench._up.clear()
     bench._down.clear()
-    bench.device = SimulatedDevice(
-        bench.dictionary, Identity(serial="SIM-0002", line_baud=bench.baud), bench.memory, bench.tracker, bench.now_s
-    )
+    dictionary = bench.dictionary
+    if device_hash is not None:
+        dictionary = replace(dictionary, hash=device_hash, same_layout_as=frozenset())
+    unit = Identity(serial=serial, line_baud=bench.baud)
+    bench.device = SimulatedDevice(dictionary, unit, bench.memory, bench.tracker, bench.now_s)
     bench.host.link_up(bench.now_s)
 
 
@@ -101,6 +103,27 @@ def test_a_command_under_way_cannot_be_retried_on_another_unit(bench: Bench) -> 
     with pytest.raises(NotFound):
         bench.host.retry(under_way, bench.now_s)
     bench.until(lambda: bench.stage(abort) is Stage.COMPLETED)
+
+
+def test_an_acknowledgement_is_valid_for_one_dictionary(bench: Bench) -> None:
+    """An accepted mismatch is valid for this dictionary on a new line. Another dictionary blocks commanding, and
+    its telemetry is not decoded, neither before nor after its reply to HELLO."""
+    replace_unit(bench, device_hash=b"\x11" * 32)
+    bench.until(lambda: bench.host.hello.serial == "SIM-0002")
+    bench.host.acknowledge_mismatch()
+    replace_unit(bench, device_hash=b"\x11" * 32, serial="SIM-0003")
+    bench.until(lambda: bench.host.hello.serial == "SIM-0003")
+    assert bench.do("GET_STATUS").stage is Stage.COMPLETED
+    decoded = len(bench.telemetry("housekeeping"))
+    assert decoded
+    replace_unit(bench, device_hash=b"\x22" * 32, serial="SIM-0004")
+    bench.until(lambda: bench.host.hello.serial == "SIM-0004")
+    with pytest.raises(Conflict, match="another dictionary"):
+        bench.host.check_allowed("SET_EXPOSURE")
+    bench.run(3.0)
+    assert len(bench.telemetry("housekeeping")) == decoded
+    bench.host.acknowledge_mismatch()
+    assert bench.do("GET_STATUS").stage is Stage.COMPLETED
 
 
 def test_a_unit_with_an_earlier_wording_of_the_same_layout_is_commanded_as_usual(

@@ -51,7 +51,7 @@ class ContactLog:
         """The connected device, None until it has answered in this contact."""
         self.last_hello: HelloReceived | None = None
         """The last device that answered. It remains set after the line is lost."""
-        self.dictionary_acknowledged = False
+        self._acknowledged_hash = ""
         self.counted_from = LinkCounters(DirectionCounters(), DirectionCounters(), None)
         self._reserved_id = 0
         self._writes = DeferredWrites()
@@ -67,9 +67,15 @@ class ContactLog:
         """Clear ``last_hello``, because another port was selected."""
         self.last_hello = None
 
-    def acknowledge_dictionary(self) -> None:
-        """Record that an operator accepted the dictionary mismatch. This is valid until the next device answers."""
-        self.dictionary_acknowledged = True
+    def acknowledge_dictionary(self, device_hash: str) -> None:
+        """Record that an operator accepted the device's dictionary. This is valid until another dictionary answers, as in the
+        session."""
+        self._acknowledged_hash = device_hash
+
+    @property
+    def dictionary_acknowledged(self) -> bool:
+        """True if an operator accepted the dictionary of the last device that answered."""
+        return self._acknowledged_hash != ""
 
     def counters_of(self, now: LinkCounters) -> LinkCounters:
         """Return the counts of this contact: ``now`` minus the counters at the start of the contact."""
@@ -135,11 +141,14 @@ class ContactLog:
         if self._own_simulator and self._url == self._own_simulator:
             hello = replace(hello, simulated=True)
         self.hello = self.last_hello = hello
-        self.dictionary_acknowledged = False
+        if hello.dictionary_hash != self._acknowledged_hash:
+            self._acknowledged_hash = ""
         self._writes.add(partial(self._store_device, self._reserved_id, hello, at))
         self._writes.run()
-        match = "dictionary matches" if hello.dictionary_match else "dictionary differs, commanding is blocked"
-        severity = "ok" if hello.dictionary_match else "warning"
+        severity, match = "ok", "dictionary matches"
+        if not hello.dictionary_match:
+            consequence = "as acknowledged" if self.dictionary_acknowledged else "commanding is blocked"
+            severity, match = "warning", f"dictionary differs, {consequence}"
         self.report(severity, f"{_name_of(hello)} connected, firmware {hello.firmware}, {match}")
 
     def _store_device(self, contact_id: int, hello: HelloReceived, at: datetime) -> None:

@@ -136,13 +136,15 @@ class LinkService:
     def acknowledge_dictionary(self, user: str) -> None:
         """Record that the user accepts the device's different dictionary, and enable commanding. Raises Conflict if there is no
         difference."""
-        if self.hello is None or self.hello.dictionary_match:
-            raise Conflict(
-                "no dictionary difference to acknowledge", got="dictionary matches" if self.hello else "no device"
-            )
-        with self.lock:
-            self.session.acknowledge_mismatch()
-        self.contact.acknowledge_dictionary()
+        with self.hold_events():  # otherwise another device could be recorded between the two acknowledgements
+            hello = self.hello
+            if hello is None or hello.dictionary_match:
+                raise Conflict("no dictionary difference to acknowledge", got="a match" if hello else "no device")
+            with self.lock:
+                if self.session.device_dictionary_hash != hello.dictionary_hash:
+                    raise Conflict("another device has answered", hint="compare the dictionaries again")
+                self.session.acknowledge_mismatch()
+            self.contact.acknowledge_dictionary(hello.dictionary_hash)
         self._bus.record(
             "link", "watch", f"{user} acknowledged that the dictionaries differ", contact_id=self.contact_id
         )
@@ -332,9 +334,8 @@ class LinkService:
             with self.lock.within(FOREVER):
                 events = list(self.session.feed(data, now_s)) if data else []
                 out, polled = self.session.poll(now_s)
-            self.events.publish(
-                [*events, *polled]
-            )  # before the write, because a failed write must not lose these events
+            # Before the write, because a failed write must not lose these events.
+            self.events.publish([*events, *polled])
             if out:
                 self.capture.write(SENT, out)
                 stream.write(out)
