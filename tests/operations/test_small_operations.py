@@ -6,6 +6,7 @@ import io
 import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,9 +28,10 @@ from gss.operations.frames import overlay, pictures
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.replay import compare
 from gss.operations.frames.sky import bodies
-from gss.operations.line.line_capture import RawCapture
+from gss.operations.line.capture_files import capture_files
+from gss.operations.line.line_capture import LineCapture, RawCapture
 from gss.operations.line.line_events import LineBatch
-from gss.operations.line.raw_capture import RECEIVED, SENT, Retention, read_capture
+from gss.operations.line.raw_capture import RECEIVED, SENT, Retention, read_capture, read_captures
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.telemetry.value_format import plain
@@ -58,6 +60,30 @@ def test_captures_rotate_and_the_oldest_is_deleted(tmp_path):
     assert sum(sizes) <= 3000 + 2 * 1400
     newest = max(tmp_path.glob("*.raw"), key=lambda p: p.name)
     assert list(read_capture(io.BytesIO(newest.read_bytes())))[-1][2] == bytes([39]) * 300
+
+
+def test_the_limit_of_captures_applies_across_contacts(tmp_path, monkeypatch):
+    """Contacts that each fill less than one file remain within the limit, and so does a contact that continues. A lower limit
+    applies immediately. If old files cannot be removed, no record is lost."""
+    capture = LineCapture(tmp_path, Retention(1000, 3000), lambda: datetime(2026, 1, 1, tzinfo=UTC), pytest.fail)
+
+    def total() -> int:
+        return sum(p.stat().st_size for p in tmp_path.iterdir())
+
+    for contact in (*range(1, 11), *[10] * 10):
+        capture.begin(contact)
+        capture.write(RECEIVED, bytes(600))
+        capture.end()
+        assert total() <= 3000 + 613
+    capture.keep_at_most(1300)
+    assert total() <= 1300
+    capture.begin(11)
+    monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(OSError("read-only")))
+    for _ in range(6):
+        capture.write(RECEIVED, bytes(600))
+    capture.end()
+    assert capture.lost_bytes == 0
+    assert len(list(read_captures(capture_files(tmp_path, 11)))) == 6
 
 
 def test_thinning_keeps_every_extreme_and_short_series_unchanged():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,6 +15,7 @@ from gss.operations.line.capture_files import capture_sizes, packed_path
 from gss.operations.line.raw_capture import RECORD, Retention, capture_name
 from gss.store.durable import sync_path
 
+log = logging.getLogger("gss.link")
 REMEMBERED = 8
 """Number of latest contacts whose lists of capture files are kept in memory."""
 SYNC_EVERY_S = 1.0
@@ -100,10 +102,11 @@ class LineCapture:
             capture.sync()
 
     def keep_at_most(self, keep_bytes: int) -> None:
-        """Set the total size of all captures above which the oldest files are removed."""
+        """Set the total size of all captures above which the oldest files are removed, and remove them."""
         self.retention = replace(self.retention, keep_bytes=keep_bytes)
-        if self._capture is not None:
-            self._capture.keep_at_most(keep_bytes)
+        for capture in list(self._captures.values()):  # a contact that continues uses its capture again
+            capture.keep_at_most(keep_bytes)
+        remove_oldest(self.folder, keep_bytes, self.written_path)
 
 
 class CaptureSync:
@@ -131,7 +134,7 @@ class RawCapture:
         self._sizes: dict[str, int] = {}
         self._unsynced: set[Path] = set()
         self._part = -1
-        self._file, self._size = self._next(), 0
+        self.resume()
 
     @property
     def name(self) -> str:
@@ -157,8 +160,7 @@ class RawCapture:
         if self._size >= self._retention.file_bytes:
             next_file = self._next()
             self._file.close()
-            self._file, self._size = next_file, 0
-            self._drop_oldest()
+            self._begin_file(next_file)
         record = RECORD.pack(unix_s, direction, len(data)) + data
         try:
             done = 0
@@ -185,12 +187,16 @@ class RawCapture:
             sync_path(self._folder)
 
     def keep_at_most(self, keep_bytes: int) -> None:
-        """Set the total size of all captures above which the oldest files are removed."""
+        """Set the total size of all captures above which a new file removes the oldest files."""
         self._retention = replace(self._retention, keep_bytes=keep_bytes)
 
     def resume(self) -> None:
         """Continue in a new file. Raises OSError if it cannot be created."""
-        self._file, self._size = self._next(), 0
+        self._begin_file(self._next())
+
+    def _begin_file(self, file: FileIO) -> None:
+        self._file, self._size = file, 0
+        remove_oldest(self._folder, self._retention.keep_bytes, self.path)
 
     def close(self) -> None:
         """Close the file."""
@@ -210,12 +216,18 @@ class RawCapture:
             self._sizes[path.name] = 0
             return file
 
-    def _drop_oldest(self) -> None:
-        files = capture_sizes(self._folder)
+
+def remove_oldest(folder: Path, keep_bytes: int, written: Path | None) -> None:
+    """Remove the oldest capture files until all files have at most ``keep_bytes``, except ``written`` and later files. If the disk
+    fails, the next new file removes them."""
+    try:
+        files = capture_sizes(folder)
         total = sum(file.bytes for file in files)
         for path, size in files:
-            if total <= self._retention.keep_bytes or path == self.path:
+            if total <= keep_bytes or path == written:
                 break
             total -= size
             for form in (path, packed_path(path)):  # the file can be compressed between the two calls
                 form.unlink(missing_ok=True)
+    except OSError as error:  # bytes of the line must be written even if old files cannot be removed
+        log.warning("the oldest raw captures could not be removed: %s", error)
