@@ -104,10 +104,6 @@ class HostSession:
         """Raise Conflict while a dictionary mismatch is unacknowledged, NotFound if there is no such command."""
         self._handshake.check_allowed(name)
 
-    def _add_urgent(self, name: str) -> int:
-        self._events.append(self._command_queue.add(self._ids.following, self.encode(name, {}), urgent=True))
-        return self._ids()
-
     def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]:
         """Return the packet before framing as labelled groups (dry run); each argument is a group labelled with its
         name.
@@ -135,7 +131,10 @@ class HostSession:
 
     def abort(self, now_s: float) -> int:
         """Queue ABORT before all other commands; it is never blocked. Returns its request id."""
-        return self._add_urgent("ABORT")
+        order = self.encode("ABORT", {})
+        request_id = self._ids()
+        self._events.append(self._command_queue.add(request_id, order, urgent=True))
+        return request_id
 
     def acknowledge_mismatch(self) -> None:
         """Accept the device's different dictionary until another one answers; packets then have the device's prefix."""
@@ -196,7 +195,7 @@ class HostSession:
             self._pacer.refill(now_s, self.transfers.line_bytes_s)
             self._events += self._command_queue.expire(now_s)
             if self._handshake.is_due(now_s):
-                self._add_urgent("HELLO")
+                self._events.append(self._command_queue.add_hello(self._ids(), self.encode("HELLO", {})))
             out += self._commands(now_s)
             out += [self._frame(m) for m in self.transfers.step(now_s, self._ids)]
             self._pacer.spend(sum(map(len, out)))

@@ -15,6 +15,9 @@ from gss.instruments.dictionary.definitions import CommandDefinition
 KEPT_COMMANDS = 512
 """Number of commands kept in memory, to recognise late and repeated reports of finished commands."""
 
+KEPT_HELLOS = 16
+"""Number of unanswered HELLOs kept in memory. A line with a long delay answers a HELLO after its timeout."""
+
 WITHDRAWN = "withdrawn"
 """Reason of a command that was withdrawn before it was sent. The device does not use this reason."""
 
@@ -69,6 +72,15 @@ class CommandQueue:
         record.urgent = urgent
         (self._urgent if urgent else self._queue).append(record)
         return record.event()
+
+    def add_hello(self, request_id: int, order: EncodedCommand) -> CommandUpdate:
+        """Queue the session's HELLO as an urgent command, and forget old ones that were not answered."""
+        name = order.command.name
+        repeated = [r for r in self._records.values() if r.urgent and r.command.name == name]
+        unanswered = [r for r in repeated if r.stage is Stage.UNKNOWN]
+        for record in unanswered[:-KEPT_HELLOS]:
+            del self._records[record.request_id]
+        return self.add(request_id, order, urgent=True)
 
     def add_unknown(self, request_id: int, order: EncodedCommand) -> CommandUpdate:
         """Add a command that was sent before a restart; its outcome is unknown."""

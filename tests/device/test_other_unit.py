@@ -10,7 +10,9 @@ import pytest
 
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
+from gss.device.session_commands import KEPT_HELLOS
 from gss.device.session_events import Stage
+from gss.device.session_handshake import HELLO_AGAIN_S
 from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.domain.errors import Conflict, NotFound
 from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
@@ -161,3 +163,22 @@ def test_hello_is_repeated_after_the_pause_of_the_instrument() -> None:
     session = HostSession(load_dictionary(), hello_again_s=7.0)
     session.link_up(0.0)
     assert [bool(session.poll(now_s)[0]) for now_s in (0.0, 6.9, 7.0, 13.9, 14.0)] == [True, False, True, False, True]
+
+
+def test_unanswered_hellos_are_forgotten_but_a_late_answer_still_identifies(make_bench: Callable[..., Bench]) -> None:
+    """During an hour of silence the number of tracked commands remains constant. A reply to one of the last HELLOs that timed out
+    still identifies the device, for a line with a long delay."""
+    bench = make_bench()
+    for second in range(100, 3_700, 3):
+        frames, _ = bench.host.poll(float(second))
+    assert len(bench.host._command_queue._records) <= KEPT_HELLOS + 2
+    bench.now_s = second + 1.0
+    late_s = bench.now_s + 10 * HELLO_AGAIN_S
+    bench.device.advance(bench.now_s)
+    bench.device.feed(frames, bench.now_s)
+    while bench.now_s < late_s:
+        bench.now_s += 0.5
+        bench.host.poll(bench.now_s)
+    reply = b"".join(iter(lambda: bench.device.next_frame(bench.now_s) or b"", b""))
+    bench.host.feed(reply, bench.now_s)
+    assert bench.host.hello is not None
