@@ -36,7 +36,7 @@ AGAIN, STOP_CAPTURE = "; the download starts again", "; stop the capture, then d
 class _Download:
     """One download. ``received``, ``furthest``: bytes that the current attempt and the best attempt received;
     ``number``: number of the image, 0 while unknown; ``image``: received image whose number is being verified;
-    ``data``: verified image."""
+    ``data``: verified image. ``waits_for_device``: True if the download is paused only until the sensor has answered."""
 
     id: int
     kind: str
@@ -54,7 +54,13 @@ class _Download:
     since_s: float = 0.0
     due_s: float = 0.0
     rate_bytes_s: float = 0.0
+    waits_for_device: bool = False
     changed: bool = True
+
+    @property
+    def can_begin(self) -> bool:
+        """True if the download waits for the line."""
+        return self.state in (TransferState.QUEUED, TransferState.LINK_LOST) or self.waits_for_device
 
     def to(self, state: TransferState, reason: str = "") -> None:
         """Change the state; the next update reports it."""
@@ -123,12 +129,13 @@ class SdoDownloads:
         part: Part | None = None,
         paused: str = "",
     ) -> int:
-        """Queue a download. Raises Conflict for a kind of content that the sensor cannot send, or for a part of an
-        image."""
+        """Queue a download. ``paused``: reason to wait until the sensor has answered. Raises Conflict for a kind of
+        content that the sensor cannot send, or for a part of an image."""
         if kind not in self._objects or (part is not None and part != Part()):
             raise Conflict(f"This sensor cannot send content of type {kind}.")
         download = _Download(self._next_id, kind, slot)
         if paused:
+            download.waits_for_device = True
             download.to(TransferState.PAUSED, paused)
         self._downloads[download.id] = download
         self._next_id += 1
@@ -163,6 +170,7 @@ class SdoDownloads:
             self._raise_ended(download)
         if download is not self._active:
             download.tries = download.furthest = 0
+            download.waits_for_device = False
             download.to(TransferState.QUEUED)
 
     def abort(self, transfer_id: int) -> None:
@@ -177,6 +185,7 @@ class SdoDownloads:
             self._active = None
             if self._client.busy:
                 self._out += self._send(self._client.give_up(CANCELLED))
+        download.waits_for_device = False
         download.to(state)
 
     @staticmethod
@@ -213,9 +222,8 @@ class SdoDownloads:
 
     def begin(self, now_s: float) -> bytes:
         """Start the next waiting download. Returns its first message, b"" if none can start. Called only while the
-        client is free."""
-        waiting = (TransferState.QUEUED, TransferState.LINK_LOST)
-        download = next((d for d in self._downloads.values() if d.state in waiting and now_s >= d.due_s), None)
+        client is free and after the sensor has answered."""
+        download = next((d for d in self._downloads.values() if d.can_begin and now_s >= d.due_s), None)
         if download is None:
             return b""
         reason = self._wait_reason(now_s)
@@ -225,6 +233,7 @@ class SdoDownloads:
             return b""
         self._active, self._moved, download.since_s = download, (-1, now_s), now_s
         download.tries += 1
+        download.waits_for_device = False
         download.received = download.size = download.number = 0
         download.image = b""
         download.to(TransferState.TRANSFERRING, download.reason if download.tries > 1 else "")

@@ -274,6 +274,20 @@ def test_a_download_survives_silence_and_a_lost_line(oresat: Instrument) -> None
         session.transfers.abort(transfer)
 
 
+def test_a_restored_download_continues_when_the_sensor_answers(oresat: Instrument) -> None:
+    """After a restart of the server a download waits until the sensor answers. A download that an operator paused remains paused,
+    also if it was waiting before."""
+    session, unit = session_without_requests(oresat), unit_of(oresat)
+    restored, by_operator = (session.transfers.start_download("frame", 0, paused="restarted") for _ in range(2))
+    session.transfers.pause(by_operator)
+    session.poll(0.0)
+    assert session.transfer(restored).state is TransferState.PAUSED
+    session.submit(session.encode("SET_STATUS", {"status": "capture"}))
+    events = talk(session, unit, 0.0, 8.0)
+    assert [e.transfer_id for e in events if isinstance(e, TransferDone)] == [restored]
+    assert session.transfer(by_operator).state is TransferState.PAUSED
+
+
 def test_an_image_is_downloaded_when_the_sensor_stops_taking_images(oresat: Instrument) -> None:
     """In star_track a new image replaces the last one every second. A download waits with the reason, attitudes and commands
     continue, and the last image is downloaded after the sensor has stopped."""
