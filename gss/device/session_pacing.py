@@ -18,10 +18,13 @@ class Pacer:
         self.polled_s, self._credit_bytes = now_s, 0.0
 
     def refill(self, now_s: float, bytes_per_s: float | None) -> None:
-        """Add the credit for the time since the last call."""
+        """Add the credit for the time since the last call. At an unknown rate the credit remains 0."""
         elapsed_s = now_s - (self.polled_s if self.polled_s is not None else now_s)
         self.polled_s = now_s
-        if bytes_per_s is not None:
+        if bytes_per_s is None:
+            # Otherwise sent bytes would add up to a debt, which delays chunks once the rate is known.
+            self._credit_bytes = 0.0
+        else:
             self._credit_bytes = min(self._credit_bytes + bytes_per_s * elapsed_s, bytes_per_s * BURST_S)
 
     def spend(self, sent_bytes: int) -> None:

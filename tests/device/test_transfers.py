@@ -68,6 +68,19 @@ def test_a_frame_is_downloaded_at_nearly_the_line_s_rate(make_bench: Callable[..
     assert hashlib.sha256(end.data).digest() == bench.telemetry("frame_info")[-1].values["sha256"]
 
 
+def test_an_upload_is_not_delayed_by_the_silence_before(make_bench: Callable[..., Bench]) -> None:
+    """HELLOs that were sent while the rate of the line was unknown do not reduce the rate of a later upload."""
+    bench = make_bench(baud=19_200)
+    bench.connected = False
+    for silent_s in range(0, 3600, 3):
+        bench.host.poll(bench.now_s + silent_s)
+    bench.now_s += silent_s
+    bench.connected = True
+    bench.until(lambda: bench.host.hello is not None)
+    transfer_id = upload(bench, B, small_catalogue())
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 0, 5.0)
+
+
 def test_a_thumbnail_is_the_frame_in_blocks_of_four(bench: Bench) -> None:
     """A thumbnail has the averages of 4x4 pixels, row by row from the top."""
     bench.do("TAKE_IMAGE")
