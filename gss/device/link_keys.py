@@ -91,9 +91,10 @@ class PacketCounter:
             raise BadInput(f"cannot read the packet counter in {path}", got=str(error)) from None
 
     def __call__(self) -> int:
-        """Return the next counter."""
+        """Return the next counter. Raises OSError if it is not reserved and the file cannot be written."""
         self._last = max(self._last + 1, self._utc_us())
         if self._last >= self._reserved:
-            self._reserved = self._last + RESERVE_US
-            _write_private(self._path, str(self._reserved))
+            reserved = self._last + RESERVE_US
+            _write_private(self._path, str(reserved))
+            self._reserved = reserved  # only now, because a counter that is not in the file could be used again
         return self._last

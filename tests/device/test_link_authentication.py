@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gss.cli import main
-from gss.device.link_keys import PacketCounter, new_link_keys, read_link_keys, with_new_key, write_link_keys
+from gss.device.link_keys import RESERVE_US, PacketCounter, new_link_keys, read_link_keys, with_new_key, write_link_keys
 from gss.device.protocol.authentication import LinkKeys, PacketSigner, PacketVerifier
 from gss.device.protocol.packet import PacketType
 from gss.device.protocol.receiver import LineReceiver
@@ -137,6 +137,25 @@ def test_the_counter_rises_over_restarts_and_a_clock_set_back(tmp_path: Path) ->
         counter = PacketCounter(path, lambda: clock[0])
         values += [counter() for _ in range(3)]
     assert values == sorted(set(values))
+
+
+def test_no_counter_is_used_that_could_not_be_reserved(tmp_path: Path) -> None:
+    """While the file cannot be written, every request for a counter that it does not reserve fails. A restart then does not
+    use a counter again."""
+    folder, clock = tmp_path / "keys", [1_000_000]
+    folder.mkdir()
+    counter = PacketCounter(folder / "counter", lambda: clock[0])
+    used = [counter()]
+    clock[0] += 2 * RESERVE_US
+    folder.rename(tmp_path / "unavailable")
+    for _ in range(3):
+        with pytest.raises(OSError, match="counter"):
+            counter()
+    (tmp_path / "unavailable").rename(folder)
+    used.append(counter())
+    clock[0] = 0
+    used.append(PacketCounter(folder / "counter", lambda: clock[0])())
+    assert used == sorted(set(used))
 
 
 def test_key_files_are_private_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
