@@ -85,12 +85,13 @@ def update_contact(
 
 
 def close_left_open(session: Session, now: datetime) -> None:
-    """End contacts that a crash left open, at the time of their last stored packet."""
+    """End contacts that a crash left open, at the time of their last stored packet, but not before their start if the
+    clock was set back."""
     for contact in session.scalars(select(Contact).where(Contact.ended.is_(None))):
         last = session.scalar(
             select(func.max(TelemetryPacket.received)).where(TelemetryPacket.contact_id == contact.id)
         )
-        contact.ended = min(now, last or contact.started)
+        contact.ended = max(contact.started, min(now, last or contact.started))
 
 
 def list_contacts(session: Session, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:

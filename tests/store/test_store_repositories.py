@@ -242,6 +242,16 @@ def test_contacts_count_their_frames_and_commands(database):
         assert row.ended == T0 + timedelta(seconds=4)
 
 
+def test_a_contact_left_open_does_not_end_before_its_start(database):
+    """If the clock was set back before the restart, a contact left open ends at its start."""
+    with database.unit_of_work() as session:
+        devices.open_contact(session, "u", T0, "c")
+        devices.close_left_open(session, T0 - timedelta(hours=3))
+    with database.unit_of_work() as session:
+        ((row, *_),) = devices.list_contacts(session, 5)
+        assert (row.started, row.ended) == (T0, T0)
+
+
 def test_the_cause_of_a_closed_line_is_found_in_new_and_old_events(database):
     """The cause of a closed line is found in events of all versions; up to 0.4 their text began in lower case."""
     with database.unit_of_work() as session:
