@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from gss.device.session_events import Direction
-from gss.domain.errors import StoreDown
+from gss.domain.errors import Conflict, StoreDown
 from gss.operations.events import EventBus
 from gss.operations.transfers.arrivals import MAX_WAITING, Writer
 from gss.settings import Settings
@@ -145,6 +145,37 @@ def test_a_failing_store_is_reported_and_ends_the_transfer(ground: Ground) -> No
     ground.services.transfers.transfers.resume(ground.downloads()[0].id)
     ground.wait(lambda: ground.downloads()[0].state == "verified")
     assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
+
+
+def test_two_requests_at_the_same_time_resume_a_transfer_once(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two users resume a failed transfer at the same time: the session starts it once, and the other request is rejected."""
+    ground.store.broken = True
+    ground.store.open.set()
+    ground.image()
+    ground.wait(lambda: ground.downloads() and ground.downloads()[0].state == "failed")
+    (row,), link = ground.downloads(), ground.services.line.link
+    sessions, start = [], link.session.transfers.start_download
+    rejected: list[Conflict] = []
+
+    def counted(*arguments: Any, **options: Any) -> int:
+        sessions.append(start(*arguments, **options))
+        return sessions[-1]
+
+    def resume() -> None:
+        try:
+            ground.services.transfers.transfers.resume(row.id)
+        except Conflict as error:
+            rejected.append(error)
+
+    monkeypatch.setattr(link.session.transfers, "start_download", counted)
+    with link.hold_events():
+        requests = [threading.Thread(target=resume) for _ in range(2)]
+        for request in requests:
+            request.start()
+        time.sleep(0.2)  # so that both requests wait for the events
+    for request in requests:
+        request.join(10.0)
+    assert (len(sessions), len(rejected)) == (1, 1)
 
 
 def test_a_short_store_failure_loses_no_frame(ground: Ground) -> None:

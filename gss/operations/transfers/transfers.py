@@ -191,12 +191,12 @@ class TransferService:
     def resume(self, transfer_id: int) -> TransferView:
         """Resume a transfer with the missing chunks, also if it failed, was aborted, or was started before the last
         restart. Raises Conflict if it cannot be resumed."""
-        if self._progress.session_id(transfer_id) is not None:
-            return self._control(transfer_id, self._link.session.transfers.resume)
-        row = self.get(transfer_id).row
-        if row.state not in RESUMABLE:
-            raise Conflict("this transfer cannot be resumed", expected=" or ".join(RESUMABLE), got=row.state)
-        with self._link.hold_events():
+        with self._link.hold_events():  # otherwise two requests at the same time could both start the transfer
+            if self._progress.session_id(transfer_id) is not None:
+                return self._control(transfer_id, self._link.session.transfers.resume)
+            row = self.get(transfer_id).row
+            if row.state not in RESUMABLE:
+                raise Conflict("this transfer cannot be resumed", expected=" or ".join(RESUMABLE), got=row.state)
             self._start_again(row, None)
             self._progress.note(row.id, state="queued", reason="", finished=None)
         return self.get(transfer_id)
