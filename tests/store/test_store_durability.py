@@ -78,6 +78,27 @@ def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) 
     capture.end()
 
 
+def test_a_failed_flush_of_a_capture_is_repeated(
+    tmp_path: Path, flushed: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If the disk fails, the next flush includes all files of the failed flush, also if no further bytes were written."""
+    capture = LineCapture(tmp_path, Retention(file_bytes=100), utc_now, lambda text: None)
+    capture.begin(1)
+    for _ in range(3):
+        capture.write(RECEIVED, bytes(90))
+    capture.end()
+
+    def failing(handle: int) -> None:
+        raise OSError("the disk fails")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", failing)
+        with pytest.raises(OSError, match="the disk fails"):
+            capture.sync()
+    capture.sync()
+    assert sorted(flushed) == [str(tmp_path), *(str(p) for p in sorted(tmp_path.glob("*.raw")))]
+
+
 def test_a_large_write_ahead_log_is_truncated_after_a_long_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

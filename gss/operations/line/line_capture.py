@@ -176,15 +176,20 @@ class RawCapture:
         self._unsynced.add(path)
 
     def sync(self) -> None:
-        """Flush the files that were written since the last call, and their directory entries, to the disk."""
+        """Flush the files that were written since the last call, and their directory entries, to the disk. Raises OSError if the
+        disk fails; the next call then flushes them again."""
         waiting = list(self._unsynced)
-        for path in waiting:
-            # Remove the path before the flush, so that the next call flushes bytes written during this flush.
-            self._unsynced.discard(path)
-            with contextlib.suppress(FileNotFoundError):  # removed by retention
-                sync_path(path)
-        if waiting:
-            sync_path(self._folder)
+        # Remove the paths before the flush, so that the next call flushes bytes written during this flush.
+        self._unsynced.difference_update(waiting)
+        try:
+            for path in waiting:
+                with contextlib.suppress(FileNotFoundError):  # removed by retention
+                    sync_path(path)
+            if waiting:
+                sync_path(self._folder)
+        except OSError:
+            self._unsynced.update(waiting)
+            raise
 
     def keep_at_most(self, keep_bytes: int) -> None:
         """Set the total size of all captures above which a new file removes the oldest files."""
