@@ -32,7 +32,7 @@ from gss.store import frames as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, open_engine
 from gss.store.migration import migrate
-from gss.store.models import Frame
+from gss.store.models import Frame, Job
 
 T0 = datetime(2026, 12, 1, tzinfo=UTC)
 FRAMES = 8
@@ -140,6 +140,44 @@ def test_a_cluster_that_loses_a_worker_gives_the_local_results(
     cluster.add_worker()
     assert outcomes[0] == outcomes[1]
     assert [row["frame_id"] for row in outcomes[0][0]] == list(range(1, FRAMES + 1))
+
+
+def test_frames_that_could_not_be_read_are_processed_by_a_later_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A failing blob store ends the job and keeps the results before it. Missing and damaged pixels are counted
+    separately. None of these frames has a result, so that the next job processes them."""
+    monkeypatch.setattr(reprocess, "BATCH", 1)
+    server, request = ReprocessingServer(tmp_path, HereExecutor()), ReprocessRequest(chain="cubestar")
+    with server.database.unit_of_work() as session:
+        hashes = [store.get(session, k).sha256 for k in range(1, FRAMES + 1)]
+    files = [next((tmp_path / "blobs").rglob(f"*{sha256[2:]}")) for sha256 in hashes]
+    kept = [file.read_bytes() for file in files]
+    files[2].unlink()
+    files[2].mkdir()  # reading it fails as on a broken disk
+    failed = ended(server.jobs, server.service.start(request, user="ann").id)
+    assert (failed.state, "blob store" in failed.text) == ("failed", True)
+    assert [row["frame_id"] for row in server.results()] == [1, 2]
+    files[2].rmdir()
+    files[5].write_bytes(b"damaged")
+    second = ended(server.jobs, server.service.start(request, user="ann").id)
+    assert (second.state, second.result["frames"], second.result["counts"]["not processed"]) == ("done", 6, 2)
+    assert [row["frame_id"] for row in server.results()] == [1, 2, 4, 5, 7, 8]
+    for k in (2, 5):
+        files[k].write_bytes(kept[k])
+    third = ended(server.jobs, server.service.start(request, user="ann").id)
+    assert (third.result["frames"], "not processed" in third.result["counts"]) == (2, False)
+    server.jobs.stop()
+    server.database.close()
+
+
+def ended(jobs: JobService, job_id: int) -> Job:
+    """Return the job after its end."""
+    for _ in range(2000):
+        if (job := jobs.get(job_id)).finished is not None:
+            return job
+        time.sleep(0.005)
+    raise AssertionError(f"the job did not end: {job.text}")
 
 
 def test_experiments_on_a_cluster_report_progress_and_equal_local_ones(cluster: Cluster) -> None:

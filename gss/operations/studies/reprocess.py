@@ -31,7 +31,7 @@ from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobServi
 from gss.operations.requests import ChainOptions, Id, Request
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.executor import Executor
-from gss.operations.studies.reprocess_worker import BatchSettings, Task, TaskResult, run_item
+from gss.operations.studies.reprocess_worker import NOT_PROCESSED, BatchSettings, Task, TaskResult, run_item
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.options import as_text
 from gss.store import frames as store
@@ -83,7 +83,7 @@ def _of_version_0_4(stored: JsonObject) -> JsonObject:
 
 @dataclass
 class ReprocessProgress:
-    """Progress of a job. ``frames``: number of frames with a result; ``last_id``: id of the last of these frames;
+    """Progress of a job. ``frames``: number of frames with an outcome; ``last_id``: id of the last of these frames;
     ``counts``: numbers of outcomes and verdicts. Its plain values are the checkpoint of the job."""
 
     frames: int = 0
@@ -224,9 +224,11 @@ class ReprocessService:
 
     def _keep(self, rows: Sequence[TaskResult], done: ReprocessProgress, keep: Keep | None) -> None:
         common: dict[str, object] = {"origin": "ground", "created": self._now()}
+        solutions = [{**common, **row} for row in rows if row["outcome"] != NOT_PROCESSED]
         with self._database.unit_of_work() as session:
-            store.add_solutions(session, [{**common, **row} for row in rows])
-            store.pin_missing(session, [row["frame_id"] for row in rows], self._operational_chain)
+            if solutions:
+                store.add_solutions(session, solutions)
+                store.pin_missing(session, [row["frame_id"] for row in rows], self._operational_chain)
             if keep is not None:
                 keep(vars(done) | {}, session)
 

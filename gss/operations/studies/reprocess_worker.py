@@ -12,7 +12,7 @@ import numpy as np
 
 from gss import __version__
 from gss.domain.camera_profile import CameraProfile
-from gss.domain.errors import GssError, NotFound
+from gss.domain.errors import BadInput, CorruptData, NotFound
 from gss.domain.stars import StarTable
 from gss.operations.clock import stopwatch_s
 from gss.operations.frames.dark_frames import DarkFrames
@@ -77,6 +77,9 @@ class TaskResult(SolutionValues):
     camera_name: NotRequired[str]
 
 
+NOT_PROCESSED = "not processed"
+"""Outcome of a frame whose data or instrument is missing or damaged. It is counted, but not stored as a solution, so
+that a later run processes the frame when its data can be read again."""
 _states: dict[tuple[str, float], _WorkerState] = {}
 
 
@@ -86,7 +89,8 @@ def run_item(item: tuple[BatchSettings, Sequence[Task]], _report_share: Callable
 
 
 def run_batch(settings: BatchSettings, tasks: Sequence[Task]) -> list[TaskResult]:
-    """Return one row of values per task. A frame that cannot be processed has the outcome "none" with the reason."""
+    """Return one row of values per task. A frame that the chain cannot process has the outcome "none" with the reason,
+    and a frame that cannot be read has the outcome ``NOT_PROCESSED``. Raises StoreDown if the blob store fails."""
     state = _state_for(settings)
     return [_run(state, settings, task) for task in tasks]
 
@@ -117,12 +121,12 @@ def _run(state: _WorkerState, settings: BatchSettings, task: Task) -> TaskResult
         )
         result = state.solver.solve(pixels, request)
         result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})
-    except GssError as error:
+    except (BadInput, NotFound, CorruptData) as error:
         return {
             "frame_id": task.frame_id,
             "chain": settings.chain,
             "version": __version__,
-            "outcome": "none",
+            "outcome": "none" if isinstance(error, BadInput) else NOT_PROCESSED,
             "reason": str(error),
         }
     stars = state.stars if task.epoch_jyear is None else state.solver.cache.stars(task.epoch_jyear)
