@@ -37,7 +37,7 @@ class Frames:
 def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
     """Create the frame services."""
     database, blobs, epoch_jyear = base.database, base.blobs, jyear_of(base.clock.now())
-    book, darks = CameraBook(database, base.instruments, base.clock.now), DarkFrames(blobs)
+    book, darks = CameraBook(database, base.instruments, base.bus, base.clock.now), DarkFrames(blobs)
     cache = SolverCache(base.stars, folder=base.settings.data / "figures")
     solver = Solver(book.profile, cache, stopwatch_s, epoch_jyear=epoch_jyear, dark=darks.pattern)
     frames = FrameService(

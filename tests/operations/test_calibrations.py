@@ -15,10 +15,14 @@ import pytest
 from astropy.table import Table
 
 from gss.catalogue_tools.sources.hipparcos import propagate
+from gss.device.table_use import calibration_values
 from gss.domain.camera import Brown, Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
-from gss.instruments.registry import shipped_camera
+from gss.instruments.registry import Registry, shipped_camera
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
 from gss.operations.frames.solve import SolveRequest
 from gss.operations.report.parts import report_from
 from gss.operations.studies.calibration_export import export_calibration
@@ -27,7 +31,9 @@ from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.camera_book import CameraBook
 from gss.pipeline.render import render
 from gss.settings import Settings
-from gss.store.models import Job
+from gss.store import studies
+from gss.store.engine import Database
+from gss.store.models import Calibration, Job
 from gss.wiring.build import build
 from gss.wiring.services import Services
 
@@ -146,12 +152,57 @@ def test_the_selected_calibration_is_used_for_reruns_and_reported(night: Night, 
     after = services.frames.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     assert after.rms_px < 0.6 * before.rms_px
     assert f"camera: calibration {calibrated}" in after.notes
-    assert CameraBook(services.base.database, services.base.instruments, lambda: NIGHT).in_use("cubestar") == calibrated
+    base = services.base
+    assert CameraBook(base.database, base.instruments, base.bus, lambda: NIGHT).in_use("cubestar") == calibrated
     services.studies.calibrations.use_documented("cubestar", user="engineer-1")
     again = services.frames.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     assert again.rms_px == pytest.approx(before.rms_px)
     with pytest.raises(NotFound):
         services.studies.calibrations.use_documented("cubestar", user="engineer-1")
+
+
+def installed(instruments: Registry, *changes: tuple[bytes, bytes]) -> CameraProfile:
+    """Install a copy of CubeStar's package as "mycam", with these changes of its camera. Return its camera."""
+    files = dict(instruments.get("cubestar").files)
+    files["instrument.yaml"] = files["instrument.yaml"].replace(b"id: cubestar", b"id: mycam")
+    for old, new in changes:
+        assert old in files["camera.yaml"]
+        files["camera.yaml"] = files["camera.yaml"].replace(old, new)
+    return instruments.add(files).profile
+
+
+def test_a_replaced_package_applies_to_its_active_calibration(
+    tmp_path: Path, database: Database, bus: EventBus, clock: Now
+) -> None:
+    """A replaced package applies at once to the camera with the calibrated values. If the calibration does not fit the
+    package, the documented camera is used, an event states the reason once, and the next server starts. It is used
+    again with a package that it fits.
+    """
+    (tmp_path / "instruments").mkdir()
+    instruments = Registry(tmp_path / "instruments")
+    values = calibration_values(installed(instruments)) | {"focal_col_px": DOCUMENTED.camera.focal_col_px * 1.01}
+    row = Calibration(profile="mycam", kind="stars", name="n", created=NIGHT, author="ann", tool="t", note="")
+    row.values, row.request, row.result = values, {}, {"dark_frame": {"key": "dark"}}
+    with database.unit_of_work() as session:
+        calibration_id = studies.add_calibration(session, row).id
+    book = CameraBook(database, instruments, bus, clock)
+    book.use(calibration_id, user="ann")
+    before = book.profile("mycam")
+    assert book.profile("mycam") is before
+    corrected = installed(instruments, (b"sun: {value: 45", b"sun: {value: 50"))
+    used = book.profile("mycam")
+    assert (used.baffle, used.camera) == (corrected.baffle, before.camera)
+    assert (used.baffle != before.baffle, book.dark_of("mycam")) == (True, "dark")
+    other = installed(instruments, (b"bits: {value: 8", b"bits: {value: 12"))
+    for server in (book, CameraBook(database, instruments, bus, clock)):
+        assert server.profile("mycam") == server.profiles()["mycam"] == other
+        assert (server.in_use("mycam"), server.dark_of("mycam")) == (None, "")
+    texts = [event.text for event in bus.after(0, 10)]
+    assert ["another detector" in text for text in texts] == [True, True]
+    with pytest.raises(BadInput, match="another detector"):
+        book.use(calibration_id, user="ann")
+    installed(instruments)
+    assert (book.profile("mycam"), book.in_use("mycam")) == (before, calibration_id)
 
 
 def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) -> None:

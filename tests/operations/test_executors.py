@@ -90,7 +90,7 @@ class ReprocessingServer:
         self.jobs = JobService(self.database, self.bus, lambda: datetime.now(UTC), lambda _: None)
         blobs = BlobStore(str(folder / "blobs"))
         shipped = shipped_registry()
-        book = CameraBook(self.database, shipped, lambda: T0)
+        book = CameraBook(self.database, shipped, self.bus, lambda: T0)
         self.service = ReprocessService(
             self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor, "reference", book, shipped
         )
