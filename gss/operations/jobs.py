@@ -23,6 +23,7 @@ from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
 from gss.domain.json_object import JsonObject
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.events import EventBus
+from gss.operations.job_rules import ALWAYS, CANCELLING, ENDED, UNFINISHED, can_start_again
 from gss.operations.requests import as_stored
 from gss.store import jobs as store
 from gss.store.engine import Database
@@ -30,34 +31,6 @@ from gss.store.models import Job
 
 PUBLISH_EVERY_S = 0.1
 MAX_DEATHS = 3
-ENDED = ("done", "failed", "cancelled")
-KINDS = (
-    *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists", "instrument"),
-    *("derive", "rehearsal", "backup", "retention", "check-store"),
-)
-"""Kinds of jobs that can run again with only their stored request. The service that runs the jobs of a kind registers
-the kind."""
-ALWAYS = ("retention", "check-store")
-"""Kinds of jobs that are accepted even if the disk is nearly full, because these jobs free space or only read."""
-PERMISSIONS = {
-    "experiments": "campaigns",
-    "campaign": "campaigns",
-    "reprocess": "campaigns",
-    "catalogue": "catalogues.build",
-    "design": "analyse",
-    "calibration": "calibrate",
-    "analysis": "analyse",
-    "lists": "frames.import",
-    "instrument": "instruments",
-    "derive": "derived",
-    "rehearsal": "passes",
-    "backup": "admin.backup",
-    "retention": "admin.retention",
-    "check-store": "admin.health",
-}
-"""Permission needed to start a job of a kind. The route that starts this kind of job requires the same permission."""
-UNKNOWN_KIND = "admin.users"
-"""Permission needed to start or end a job of an unknown kind: a permission of administrators."""
 
 
 class Cancelled(Exception):
@@ -156,10 +129,12 @@ class JobService:
         """Resume the jobs that the previous server did not finish. Jobs that cannot be resumed fail; their requests remain
         stored."""
         with self._database.unit_of_work() as session:
-            unfinished = store.unfinished(session)
+            unfinished = store.in_states(session, UNFINISHED)
         for job in unfinished:
             deaths = job.attempts + (job.state == "running")
-            if job.kind not in self._kinds:
+            if job.state == CANCELLING:
+                self._mark_cancelled(job.id)
+            elif job.kind not in self._kinds:
                 self._fail(job.id, "The server stopped before the job ended. Start it again.")
             elif deaths >= MAX_DEATHS:
                 self._fail(
@@ -229,14 +204,17 @@ class JobService:
         return self.begin(old.kind, old.title, replace(request, user=user))
 
     def cancel(self, job_id: int) -> Job:
-        """Request the cancellation of a job. The job ends at its next progress report. Raises Conflict if the job has already
-        ended."""
-        job = self.get(job_id)
-        if job.state not in ("queued", "running"):
-            raise Conflict("this job has ended", expected="a queued or running job", got=job.state)
-        if job_id in self._cancel:
-            self._cancel[job_id].set()
-        return job
+        """Cancel a job. A started job ends at its next progress report. Raises Conflict if the job has already ended."""
+        with self._marking:
+            job = self.get(job_id)
+            if job.state in ENDED:
+                raise Conflict("this job has ended", expected="a queued or running job", got=job.state)
+            cancel = self._cancel.get(job_id)
+            if cancel is not None:
+                cancel.set()
+            if job.state == "queued":
+                return self._mark_cancelled(job_id)
+            return self._update(job_id, state=CANCELLING, text="Cancelling")
 
     def get(self, job_id: int) -> Job:
         """Return the job with that id. Raises NotFound."""
@@ -266,14 +244,14 @@ class JobService:
 
     def _queue(self, job_id: int, work: Work) -> None:
         cancel = self._cancel[job_id] = threading.Event()
-        if self._stopping:
+        job = self.get(job_id)
+        if self._stopping or job.state in ENDED:  # a user can cancel a job as soon as its row is stored
             cancel.set()
-        self._bus.publish("job", self.get(job_id))
+        self._bus.publish("job", job)
         self._pool.submit(self._run, job_id, work)
 
     def _run(self, job_id: int, work: Work) -> None:
         cancel, job = self._cancel[job_id], self.get(job_id)
-
         published_s, last = -math.inf, {"done": job.done, "total": job.total}
 
         def progress(done: int, total: int, text: str) -> None:
@@ -299,7 +277,7 @@ class JobService:
             progress(job.done, job.total, "Started")
             result = work(JobRun(job.checkpoint, progress, keep))
         except Cancelled:
-            self._interrupted(job, last)
+            self._interrupted(job_id, last)
         except GssError as error:
             self._fail(job_id, error.sentences())
         except Exception as error:  # a defect in a job must be shown as a failure and must not end the thread
@@ -310,12 +288,19 @@ class JobService:
         finally:
             self._cancel.pop(job_id, None)
 
-    def _interrupted(self, job: Job, last: dict[str, int]) -> None:
+    def _interrupted(self, job_id: int, last: dict[str, int]) -> None:
         """Mark a job as cancelled, or as queued if the server is stopping and the next server can resume the job."""
-        if self._stopping and job.kind in self._kinds:
-            self._update(job.id, state="queued", text=LEFT_TO_THE_NEXT, **last)
-        else:
-            self._update(job.id, state="cancelled", text="Cancelled", finished=self._now(), **last)
+        with self._marking:
+            job = self.get(job_id)
+            if job.state in ENDED:
+                return
+            if self._stopping and job.state != CANCELLING and job.kind in self._kinds:
+                self._update(job_id, state="queued", text=LEFT_TO_THE_NEXT, **last)
+            else:
+                self._mark_cancelled(job_id, **last)
+
+    def _mark_cancelled(self, job_id: int, **last: int) -> Job:
+        return self._update(job_id, state="cancelled", text="Cancelled", finished=self._now(), **last)
 
     def _fail(self, job_id: int, text: str) -> None:
         self._bus.record("job", "warning", f"{self.get(job_id).title}: {text}", job_id=job_id)
@@ -328,19 +313,3 @@ class JobService:
                 setattr(job, name, value)
         self._bus.publish("job", job)
         return job
-
-
-def can_start_again(job: Job) -> bool:
-    """True if the job has ended and its kind is created from the stored request alone."""
-    return job.state in ENDED and job.kind in KINDS
-
-
-def permission_of(job: Job) -> str:
-    """Return the permission needed to start or end this job. The user who started the job can end it without this
-    permission."""
-    return PERMISSIONS.get(job.kind, UNKNOWN_KIND)
-
-
-def started_by(job: Job, user: str) -> bool:
-    """True if this user started the job."""
-    return job.request.get("user") == user

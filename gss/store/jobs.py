@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -37,6 +39,6 @@ def keep(session: Session, job_id: int, checkpoint: JsonObject) -> None:
     row.checkpoint, row.attempts = checkpoint, 0
 
 
-def unfinished(session: Session) -> list[Job]:
-    """Return jobs that the previous run of the server left unfinished."""
-    return list(session.scalars(select(Job).where(Job.state.in_(("queued", "running")))))
+def in_states(session: Session, states: Sequence[str]) -> list[Job]:
+    """Return the jobs in one of these states, oldest first."""
+    return list(session.scalars(select(Job).where(Job.state.in_(states)).order_by(Job.id)))

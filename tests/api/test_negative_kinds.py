@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from gss.api.deps import needs_of
 from gss.operations.accounts.permissions import ROLES
 from gss.operations.clock import utc_now
-from gss.operations.jobs import PERMISSIONS
+from gss.operations.job_rules import PERMISSIONS
 from gss.store.models import Job, Transfer
 
 STARTED_AT = {

@@ -9,6 +9,7 @@ from datetime import timedelta
 
 import pytest
 
+from gss.api.present.records import job as job_out
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.events import MAILBOX, EventBus
 from gss.operations.jobs import MAX_DEATHS, JobKind, JobRequest, JobService
@@ -237,6 +238,42 @@ def test_a_regular_stop_leaves_resumable_jobs_to_the_next_server(database, bus, 
     second.start()
     assert wait_for_end(second, job_id).result == {"sum": 55, "chunks": 6}
     second.stop()
+
+
+def test_cancelled_jobs_do_not_run_after_a_restart(database, bus, clock):
+    """A cancelled job ends at once if it is queued, and otherwise at its next report, also if the server stops or is killed
+    before. The next server does not run it."""
+    running, release, ran = threading.Event(), threading.Event(), []
+    first, second = (JobService(database, bus, clock, lambda _: None) for _ in range(2))
+
+    def compute(run):
+        running.set()
+        release.wait(10)
+        run.progress(1, 2, "one")
+        return {}
+
+    started_id = begin(first, compute)
+    assert running.wait(10)
+    queued_id = first.begin("sum", "queued", Sum()).id
+    killed_id = store_row(database, clock, "cancelling")
+    assert (first.cancel(started_id).text, first.cancel(queued_id).state) == ("Cancelling", "cancelled")
+    assert job_out(first.get(started_id)).state == "running"
+    first.interrupt()
+    first.cancel(started_id)
+    release.set()
+    first.stop()
+    register(second, lambda _run: ran.append(1) or {})
+    second.start()
+    second.finish()
+    states = [second.get(job_id).state for job_id in (started_id, queued_id, killed_id)]
+    assert (states, ran) == (["cancelled"] * 3, [])
+
+
+def store_row(database, clock, state: str) -> int:
+    """Store a job of kind "sum" in a state, and return its id."""
+    with database.unit_of_work() as session:
+        row = Job(kind="sum", title="t", state=state, created=clock(), request={"numbers": [3]}, result={})
+        return store.add(session, row).id
 
 
 def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):

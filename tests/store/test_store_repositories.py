@@ -294,7 +294,7 @@ def test_catalogues_are_found_by_hash_and_unfinished_work_by_state(database):
     with database.unit_of_work() as session:
         assert catalogues.by_sha256(session, "ab" * 32).name == "c"
         assert [t.state for t in transfers.unfinished(session)] == ["transferring"]
-        assert [j.state for j in jobs.unfinished(session)] == ["running"]
+        assert [j.state for j in jobs.in_states(session, ("queued", "running"))] == ["running"]
         first = events.after(session, 0, 1)[0]
         assert [e.text for e in events.after(session, first.seq, 10)] == ["two", "three"]
         assert events.last_seq(session) == first.seq + 2

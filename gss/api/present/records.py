@@ -5,7 +5,7 @@ from __future__ import annotations
 from gss.api.schemas.events import EventOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
-from gss.operations.jobs import can_start_again, permission_of
+from gss.operations.job_rules import CANCELLING, can_start_again, permission_of
 from gss.operations.transfers.transfer_progress import TransferView
 from gss.operations.transfers.transfers import RESUMABLE
 from gss.store.models import Event, Job, Transfer
@@ -52,6 +52,8 @@ def job(row: Job) -> JobOut:
     """Return a job."""
     names = "id kind title state done total text created finished result attempts"
     values = {name: getattr(row, name) for name in names.split()}
+    if row.state == CANCELLING:
+        values["state"] = "running"
     user = row.request.get("user") or ""
     return JobOut(**values, user=user, permission=permission_of(row), can_start_again=can_start_again(row))
 

@@ -10,7 +10,7 @@ from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.jobs import JobOut
-from gss.operations.jobs import permission_of, started_by
+from gss.operations.job_rules import permission_of, started_by
 
 router = api_router("jobs", "/jobs")
 
