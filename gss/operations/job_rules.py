@@ -1,7 +1,9 @@
-"""States and kinds of jobs: which jobs can run again, and who can start and end them."""
+"""States and kinds of jobs: which jobs can run again, and who can start and end them. Stored texts and requests."""
 
 from __future__ import annotations
 
+from gss.domain.errors import GssError
+from gss.domain.json_object import JsonObject
 from gss.store.models import Job
 
 ENDED = ("done", "failed", "cancelled")
@@ -52,3 +54,13 @@ def permission_of(job: Job) -> str:
 def started_by(job: Job, user: str) -> bool:
     """True if this user started the job."""
     return job.request.get("user") == user
+
+
+def reason_of(error: Exception) -> str:
+    """Return the text of a job that failed with this error."""
+    return error.sentences() if isinstance(error, GssError) else f"Internal error: {type(error).__name__}: {error}"
+
+
+def nested_request(stored: JsonObject) -> JsonObject:
+    """Convert a request that version 0.4 stored without its user to {"asked": request}."""
+    return stored if "asked" in stored else {"asked": stored}

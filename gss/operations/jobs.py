@@ -9,6 +9,7 @@ resumed again if the server crashed three times while the job was running and ma
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import threading
 from collections.abc import Callable, Mapping
@@ -23,13 +24,16 @@ from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
 from gss.domain.json_object import JsonObject
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.events import EventBus
-from gss.operations.job_rules import ALWAYS, CANCELLING, ENDED, UNFINISHED, can_start_again
+from gss.operations.job_rules import ALWAYS, CANCELLING, ENDED, UNFINISHED, can_start_again, reason_of
 from gss.operations.requests import as_stored
 from gss.store import jobs as store
 from gss.store.engine import Database
 from gss.store.models import Job
 
+log = logging.getLogger("gss.jobs")
 PUBLISH_EVERY_S = 0.1
+RETRY_S = 1.0
+"""Pause before the end of a job is stored again after the store failed."""
 MAX_DEATHS = 3
 
 
@@ -68,11 +72,7 @@ class JobRequest:
 
 
 R = TypeVar("R", bound=JobRequest)
-
-
-def nested_request(stored: JsonObject) -> JsonObject:
-    """Convert a request that version 0.4 stored without its user to {"asked": request}."""
-    return stored if "asked" in stored else {"asked": stored}
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,10 @@ class JobKind(Generic[R]):
 LEFT_TO_THE_NEXT = "The server is stopping. The job continues after the next start."
 
 
+def _at_once(write: Callable[[], object]) -> None:
+    write()
+
+
 class JobService:
     """Runs jobs one at a time on a thread. ``check_room`` raises StoreDown if the disk has no room for a job's results."""
 
@@ -117,6 +121,9 @@ class JobService:
         self._cancel: dict[int, threading.Event] = {}
         self._kinds: dict[str, JobKind[Any]] = {}
         self._stopping = False
+        self._last_attempt = threading.Event()
+        """Set when a failed write is repeated only once more, so that a failing store does not delay the end of the
+        process."""
         self._marking = threading.RLock()
         """Lock for checking and then changing a job's state. It prevents other threads from changing the state in
         between."""
@@ -135,11 +142,9 @@ class JobService:
             if job.state == CANCELLING:
                 self._mark_cancelled(job.id)
             elif job.kind not in self._kinds:
-                self._fail(job.id, "The server stopped before the job ended. Start it again.")
+                self._fail(job, "The server stopped before the job ended. Start it again.")
             elif deaths >= MAX_DEATHS:
-                self._fail(
-                    job.id, f"The server stopped {deaths} times during this job. It is not retried automatically."
-                )
+                self._fail(job, f"The server stopped {deaths} times during this job. It is not retried automatically.")
             else:
                 self._continue(job, deaths)
 
@@ -148,7 +153,7 @@ class JobService:
         try:
             request = kind.current(kind.read(job.request))
         except GssError as error:
-            self._fail(job.id, error.sentences())
+            self._fail(job, error.sentences())
             return
         text = f"The server restarted. The job {'continues' if job.checkpoint else 'starts again'}."
         self._update(job.id, state="queued", attempts=deaths, text=text, request=as_stored(request))
@@ -159,6 +164,7 @@ class JobService:
         immediately, so the end of the process does not count as a crash. Can be called repeatedly and from any
         thread."""
         self._stopping = True
+        self._last_attempt.set()
         for event in list(self._cancel.values()):
             event.set()
         with contextlib.suppress(StoreDown):
@@ -179,6 +185,7 @@ class JobService:
 
     def finish(self) -> None:
         """Wait until all queued jobs have ended. No job can be queued afterwards."""
+        self._last_attempt.set()
         self._pool.shutdown(wait=True)
 
     def begin(self, kind: str, title: str, request: JobRequest, work: Work | None = None) -> Job:
@@ -212,7 +219,7 @@ class JobService:
             cancel = self._cancel.get(job_id)
             if cancel is not None:
                 cancel.set()
-            if job.state == "queued":
+            if job.state == "queued" or cancel is None:
                 return self._mark_cancelled(job_id)
             return self._update(job_id, state=CANCELLING, text="Cancelling")
 
@@ -251,7 +258,16 @@ class JobService:
         self._pool.submit(self._run, job_id, work)
 
     def _run(self, job_id: int, work: Work) -> None:
-        cancel, job = self._cancel[job_id], self.get(job_id)
+        try:
+            self._work(self._until_stored(partial(self.get, job_id)), work)
+        except StoreDown:
+            # The server is stopping. The row is unfinished, so that the next server continues the job.
+            log.exception("the end of job %d could not be stored", job_id)
+        finally:
+            self._cancel.pop(job_id, None)
+
+    def _work(self, job: Job, work: Work) -> None:
+        job_id, cancel = job.id, self._cancel[job.id]
         published_s, last = -math.inf, {"done": job.done, "total": job.total}
 
         def progress(done: int, total: int, text: str) -> None:
@@ -277,16 +293,31 @@ class JobService:
             progress(job.done, job.total, "Started")
             result = work(JobRun(job.checkpoint, progress, keep))
         except Cancelled:
-            self._interrupted(job_id, last)
-        except GssError as error:
-            self._fail(job_id, error.sentences())
+            self._until_stored(partial(self._interrupted, job_id, last))
         except Exception as error:  # a defect in a job must be shown as a failure and must not end the thread
-            self._fail(job_id, f"Internal error: {type(error).__name__}: {error}")
+            self._fail(job, reason_of(error), self._until_stored)
         else:
-            values = {"result": result, "checkpoint": None, "finished": self._now(), **last}
-            self._update(job_id, state="done", text="Done", **values)
-        finally:
-            self._cancel.pop(job_id, None)
+            self._store_result(job, {"result": result, **last})
+
+    def _store_result(self, job: Job, values: dict[str, Any]) -> None:
+        values |= {"state": "done", "text": "Done", "checkpoint": None, "finished": self._now()}
+        try:
+            self._until_stored(partial(self._update, job.id, **values))
+        except StoreDown:
+            raise
+        except Exception as error:  # the database cannot hold this result
+            self._fail(job, reason_of(error), self._until_stored)
+
+    def _until_stored(self, access: Callable[[], T]) -> T:
+        """Repeat an access to the store until it succeeds. Raises StoreDown if it fails while the server is stopping."""
+        while True:
+            is_last = self._last_attempt.is_set()
+            try:
+                return access()
+            except StoreDown:
+                if is_last:
+                    raise
+            self._last_attempt.wait(RETRY_S)
 
     def _interrupted(self, job_id: int, last: dict[str, int]) -> None:
         """Mark a job as cancelled, or as queued if the server is stopping and the next server can resume the job."""
@@ -302,9 +333,10 @@ class JobService:
     def _mark_cancelled(self, job_id: int, **last: int) -> Job:
         return self._update(job_id, state="cancelled", text="Cancelled", finished=self._now(), **last)
 
-    def _fail(self, job_id: int, text: str) -> None:
-        self._bus.record("job", "warning", f"{self.get(job_id).title}: {text}", job_id=job_id)
-        self._update(job_id, state="failed", text=text, finished=self._now())
+    def _fail(self, job: Job, text: str, run: Callable[[Callable[[], object]], object] = _at_once) -> None:
+        """Store that a job failed. ``run``: runs each of both writes, so that a retry does not record a second event."""
+        run(partial(self._bus.record, "job", "warning", f"{job.title}: {text}", job_id=job.id))
+        run(partial(self._update, job.id, state="failed", text=text, finished=self._now()))
 
     def _update(self, job_id: int, **values: Any) -> Job:
         with self._marking, self._database.unit_of_work() as session:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+import time
 from dataclasses import dataclass, replace
 from datetime import timedelta
 
 import pytest
+from sqlalchemy.event import listen
 
 from gss.api.present.records import job as job_out
 from gss.domain.errors import BadInput, Conflict
@@ -267,6 +269,55 @@ def test_cancelled_jobs_do_not_run_after_a_restart(database, bus, clock):
     second.finish()
     states = [second.get(job_id).state for job_id in (started_id, queued_id, killed_id)]
     assert (states, ran) == (["cancelled"] * 3, [])
+
+
+@pytest.fixture
+def read_only(database):
+    """Event that makes the database accept no write while it is set, as on a full disk."""
+    flag = threading.Event()
+
+    def set_mode(connection, _record, _proxy):
+        connection.execute(f"PRAGMA query_only={'ON' if flag.is_set() else 'OFF'}")
+
+    listen(database.engine, "checkout", set_mode)
+    return flag
+
+
+def test_the_end_of_a_job_is_stored_when_the_store_accepts_it_again(jobs, database, bus, monkeypatch, read_only):
+    """A result and a failure that the store rejected at first are stored later, with one event. A result that cannot be
+    stored is a failure."""
+    monkeypatch.setattr("gss.operations.jobs.RETRY_S", 0.02, raising=False)
+
+    def work(request, _run):
+        read_only.set()
+        if not request.numbers:
+            raise BadInput("no numbers")
+        return {"sum": sum(request.numbers) if request.numbers[0] else {1, 2}}
+
+    jobs.register(JobKind("sum", Sum, work))
+    for request, state in ((Sum((1, 2)), "done"), (Sum(), "failed"), (Sum((0,)), "failed")):
+        job_id = jobs.begin("sum", "t", request).id
+        assert read_only.wait(10)
+        threading.Event().wait(0.1)
+        assert (jobs.get(job_id).state, jobs.waiting()) == ("running", 1)
+        read_only.clear()
+        assert wait_for_end(jobs, job_id).state == state
+    assert [event.text.split(":")[1] for event in bus.after(0, 10)] == [" No numbers.", " Internal error"]
+
+
+def test_a_stop_does_not_wait_for_a_failing_store(jobs, database, read_only):
+    """A job whose end cannot be stored does not delay the stop, and the next server continues it."""
+    job_id = begin(jobs, lambda _run: read_only.set() or {})
+    assert read_only.wait(10)
+    started_s = time.monotonic()
+    jobs.stop()
+    assert (time.monotonic() - started_s < 2, jobs.get(job_id).state, jobs.waiting()) == (True, "running", 0)
+    read_only.clear()
+
+
+def test_a_job_that_no_thread_runs_is_cancelled_at_once(jobs, database, clock):
+    """An unfinished row without a job, for example after a defect, can be cancelled."""
+    assert jobs.cancel(store_row(database, clock, "running")).state == "cancelled"
 
 
 def store_row(database, clock, state: str) -> int:

@@ -25,7 +25,8 @@ from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.catalogues.design_record import record_of
 from gss.operations.catalogues.design_values import DesignValues
-from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress, nested_request
+from gss.operations.job_rules import nested_request
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
 from gss.operations.requests import Request
 from gss.store.models import Job
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, nested_request
+from gss.operations.job_rules import nested_request
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService
 from gss.operations.requests import Request
 from gss.operations.studies import experiments
 from gss.operations.studies.chain_report import ChainReports
