@@ -92,6 +92,20 @@ def open_sign_ins(session: Session, now: datetime) -> list[tuple[SignIn, User]]:
     return [(row[0], row[1]) for row in session.execute(query.order_by(SignIn.last_seen.desc()))]
 
 
+def record_sign_in(session: Session, user_id: int, password_hash: str, now: datetime) -> User | None:
+    """Store the time of a sign-in and return the user. None if the user is disabled or has another password hash now."""
+    criteria = (User.id == user_id, User.enabled, User.password_hash == password_hash)
+    signed_in = session.execute(update(User).where(*criteria).values(last_sign_in=now).returning(User.id)).scalar()
+    return None if signed_in is None else user(session, signed_in)
+
+
+def replace_hash(session: Session, user_id: int, old_hash: str, new_hash: str) -> bool:
+    """Replace a password hash. Return False if the user has another hash now."""
+    criteria = (User.id == user_id, User.password_hash == old_hash)
+    replaced = update(User).where(*criteria).values(password_hash=new_hash).returning(User.id)
+    return session.execute(replaced).scalar() is not None
+
+
 def end_sign_ins(session: Session, user_id: int, now: datetime, reason: str) -> None:
     """End every session of a user."""
     criteria = (SignIn.user_id == user_id, SignIn.ended.is_(None))

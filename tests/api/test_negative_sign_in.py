@@ -190,7 +190,7 @@ def test_a_password_change_ends_every_other_session_and_renews_ones_own(
 ) -> None:
     """After a password change the user has a new cookie and CSRF token. Old sessions and unused links are invalid."""
     user = services.accounts.accounts.users.add("pat", "operator", by="test", password=PASSWORD)
-    elsewhere = services.accounts.accounts.sessions.begin(user.id, address="other desk")
+    elsewhere = services.accounts.accounts.sessions.begin(user, address="other desk")
     link = services.accounts.accounts.users.password_link(user.id, by="test")
     before = sign_in(anonymous, "pat")
     key = anonymous.cookies["gss_session"]

@@ -95,10 +95,8 @@ def change_password(
         raise Conflict("tokens have no password", hint="sign in")
     address, agent = _from(request)
     app.accounts.accounts.sessions.check_password(caller, body.old)
-    app.accounts.accounts.users.set_password(caller.user_id, body.new)
-    return _open(
-        app, request, response, app.accounts.accounts.sessions.begin(caller.user_id, address=address, agent=agent)
-    )
+    user = app.accounts.accounts.users.set_password(caller.user_id, body.new)
+    return _open(app, request, response, app.accounts.accounts.sessions.begin(user, address=address, agent=agent))
 
 
 @router.put("/session/start-page", dependencies=[SELF])
@@ -127,7 +125,7 @@ def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> S
     app.accounts.accounts.attempts.passed(brake)
     request.state.named = user.name
     address, agent = _from(request)
-    return _open(app, request, response, app.accounts.accounts.sessions.begin(user.id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.accounts.sessions.begin(user, address=address, agent=agent))
 
 
 @router.post("/password-links", dependencies=[OPEN])
@@ -139,7 +137,7 @@ def use_password_link(app: App, request: Request, response: Response, body: Pass
     app.accounts.accounts.attempts.passed(brake)
     request.state.named = user.name
     address, agent = _from(request)
-    return _open(app, request, response, app.accounts.accounts.sessions.begin(user.id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.accounts.sessions.begin(user, address=address, agent=agent))
 
 
 @router.post("/password-links/check", status_code=204, dependencies=[need(NO_SIGN_IN, changes=False)])

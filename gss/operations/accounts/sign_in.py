@@ -69,14 +69,15 @@ class SignInService:
         self._attempts.begin(keys)
         is_correct = self._passwords.verify(row.password_hash if row and row.enabled else "", password)
         if row is None or not row.enabled or not is_correct:
-            raise NotSignedIn("wrong name or password", hint="try again, or ask an admin for a password link")
+            raise _wrong()
         self._attempts.passed(keys)
         self._attempts.forget(_name_key(name))
-        if self._passwords.outdated(row.password_hash):
-            self._rehash(row.id, password)
+        verified_hash = row.password_hash
+        if self._passwords.outdated(verified_hash):
+            verified_hash = self._rehash(row, password)
         if old_key:
             self.sign_out(old_key)
-        return self.begin(row.id, address=address, agent=agent)
+        return self._begin(row.id, verified_hash, address, agent)
 
     def check_password(self, caller: CallerIdentity, password: str) -> None:
         """Raise NotPermitted if the password is not the caller's password. The number of attempts is limited per user."""
@@ -87,12 +88,19 @@ class SignInService:
             raise NotPermitted("wrong current password", hint="try again, or ask an admin for a password link")
         self._attempts.passed(keys)
 
-    def begin(self, user_id: int, *, address: str, agent: str = "") -> NewSession:
-        """Start a session with a new key for a user who has just been authenticated."""
+    def begin(self, user: User, *, address: str, agent: str = "") -> NewSession:
+        """Start a session with a new key for a user who has just set this password. Raises NotSignedIn if the password
+        has been changed since, or the user was disabled."""
+        return self._begin(user.id, user.password_hash, address, agent)
+
+    def _begin(self, user_id: int, verified_hash: str, address: str, agent: str) -> NewSession:
         now, key, device = self._now(), new_key(), new_key()
         with self._database.unit_of_work() as session:
-            user = store.user(session, user_id)
-            user.last_sign_in = now
+            # A change of the password ends the sessions that are stored at that time. It can happen while a hash is
+            # computed, and must also prevent this session.
+            user = store.record_sign_in(session, user_id, verified_hash, now)
+            if user is None:
+                raise _wrong()
             row = SignIn(
                 user_id=user.id,
                 key_hash=key_hash(key),
@@ -178,10 +186,18 @@ class SignInService:
                 return [(f"device {hashed}", BY_NAME)]
         return [(f"address {address}", BY_ADDRESS), (_name_key(name), BY_NAME)]
 
-    def _rehash(self, user_id: int, password: str) -> None:
+    def _rehash(self, row: User, password: str) -> str:
+        """Replace the hash of a verified password by one with the current cost parameters. Return the stored hash.
+        Raises NotSignedIn if the password has been changed since."""
         hashed = self._passwords.hash(password)
         with self._database.unit_of_work() as session:
-            store.user(session, user_id).password_hash = hashed
+            if store.replace_hash(session, row.id, row.password_hash, hashed):
+                return hashed
+            stored_hash = store.user(session, row.id).password_hash
+        # Another sign-in of the same user can have replaced the hash.
+        if not self._passwords.verify(stored_hash, password):
+            raise _wrong()
+        return stored_hash
 
     def _who(self, row: SignIn, user: User, key: str) -> CallerIdentity:
         ends = min(row.expires, row.last_seen + self._lifetimes.idle)
@@ -196,6 +212,10 @@ class SignInService:
             ends,
             user.start_page,
         )
+
+
+def _wrong() -> NotSignedIn:
+    return NotSignedIn("wrong name or password", hint="try again, or ask an admin for a password link")
 
 
 def _name_key(name: str) -> str:

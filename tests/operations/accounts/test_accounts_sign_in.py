@@ -338,6 +338,51 @@ def test_a_password_with_a_cheap_hash_is_rehashed_at_sign_in(database, clock, se
     assert dearer.users.named("ann").password_hash.startswith("$argon2id$")
 
 
+class InterruptedPasswords(Passwords):
+    """Passwords with a function that runs once, after the next verification."""
+
+    def __init__(self, passes: int, memory_kib: int) -> None:
+        super().__init__(passes, memory_kib, 1)
+        self.then = lambda: None
+
+    def verify(self, stored: str, password: str) -> bool:
+        is_correct, then, self.then = super().verify(stored, password), self.then, lambda: None
+        then()
+        return is_correct
+
+
+@pytest.mark.parametrize("memory_kib", [8, 16])
+def test_a_sign_in_in_progress_does_not_survive_a_password_change(accounts, database, clock, seconds, memory_kib):
+    """A sign-in whose password is changed during the verification fails, and does not restore the hash of the old
+    password. The same applies to a user who is disabled meanwhile.
+    """
+    passwords = InterruptedPasswords(1, memory_kib)
+    interrupted = AccountService(database, clock, seconds, passwords, LIVES)
+    ben_id, old, new = accounts.users.named("ben").id, PASSWORD + " ben", "vega above the hills"
+    for password, change in (
+        (old, lambda: accounts.users.set_password(ben_id, new)),
+        (new, lambda: accounts.users.change(ben_id, enabled=False)),
+    ):
+        passwords.then = change
+        with pytest.raises(NotSignedIn, match="wrong name or password"):
+            sign_in(interrupted, "ben", password)
+        accounts.users.change(ben_id, enabled=True)
+        assert accounts.sessions.active() == []
+    with pytest.raises(NotSignedIn):
+        sign_in(interrupted, "ben", old)
+    assert sign_in(interrupted, "ben", new).caller.name == "ben"
+
+
+def test_two_sign_ins_at_once_can_both_replace_a_cheap_hash(accounts, database, clock, seconds):
+    """A user whose hash is replaced by another sign-in at the same time is signed in."""
+    passwords = InterruptedPasswords(2, 16)
+    interrupted = AccountService(database, clock, seconds, passwords, LIVES)
+    passwords.then = lambda: sign_in(interrupted)
+    first = sign_in(interrupted)
+    assert len(accounts.sessions.active()) == 2
+    assert accounts.session_caller(first.key).name == "ann"
+
+
 def test_two_spellings_of_one_name_are_one_user(accounts):
     """Names that look equal on a page cannot both be created. Names of software are reserved."""
     with pytest.raises(Conflict):
