@@ -16,12 +16,21 @@ def newest(session: Session, limit: int) -> list[Notification]:
     return list(session.scalars(select(Notification).order_by(Notification.id.desc()).limit(limit)))
 
 
-def known_keys(session: Session, keys: Sequence[str]) -> set[str]:
-    """Return the keys that are already stored."""
-    stored: set[str] = set()
+def states_by_key(session: Session, keys: Sequence[str]) -> dict[str, str]:
+    """Return the states of the stored notifications with these keys, by key."""
+    states: dict[str, str] = {}
+    query = select(Notification.key, Notification.state)
     for k in range(0, len(keys), 500):
-        stored.update(session.scalars(select(Notification.key).where(Notification.key.in_(keys[k : k + 500]))))
-    return stored
+        states |= {row.key: row.state for row in session.execute(query.where(Notification.key.in_(keys[k : k + 500])))}
+    return states
+
+
+def of_keys(session: Session, keys: Sequence[str]) -> list[Notification]:
+    """Return the stored notifications with these keys."""
+    rows: list[Notification] = []
+    for k in range(0, len(keys), 500):
+        rows += session.scalars(select(Notification).where(Notification.key.in_(keys[k : k + 500])))
+    return rows
 
 
 def of_ids(session: Session, ids: Sequence[int]) -> list[Notification]:

@@ -9,11 +9,13 @@ import socketserver
 import sqlite3
 import threading
 from collections.abc import Iterator
+from datetime import timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import IntegrityError
 
 from gss.domain.errors import BadInput, NotFound, NotPermitted
 from gss.domain.limits import State
@@ -215,6 +217,37 @@ def test_an_acknowledged_alarm_that_waits_is_withdrawn(harness, receiver):
     receiver.status = 200
     assert list(harness.look(600).values()) == ["withdrawn"]
     assert len(receiver.bodies) == 1
+
+
+def test_an_alarm_that_is_no_longer_shelved_is_sent(harness, receiver):
+    """A message that was withdrawn because its alarm was shelved is sent if the alarm still needs an answer after that,
+    and only once."""
+    receiver.status = 500
+    harness.raise_alarm()
+    harness.look()
+    alarm_id = harness.alarms.opened()[0].row.id
+    harness.alarms.shelve(alarm_id, harness.clock() + timedelta(minutes=5), user="ann", note="a pass")
+    assert list(harness.look(60).values()) == ["withdrawn"]
+    receiver.status = 200
+    assert list(harness.look(300).values()) == ["sent"]
+    assert (len(receiver.bodies), harness.service.newest(1)[0].tries) == (2, 1)
+    harness.alarms.shelve(alarm_id, harness.clock() + timedelta(minutes=1), user="ann", note="a pass")
+    assert [list(harness.look(s).values()) for s in (30, 60)] == [["sent"]] * 2
+    assert len(receiver.bodies) == 2
+
+
+def test_events_that_a_failing_store_rejects_are_sent_later(harness, receiver):
+    """Events whose messages cannot be stored are handled by the next pass."""
+    harness.bus.record("transfer", "warning", "frame 1 failed")
+    with sqlite3.connect(str(harness.database.engine.url.database), isolation_level=None) as disk:
+        disk.execute("CREATE TRIGGER full BEFORE INSERT ON notifications BEGIN SELECT RAISE(ABORT, 'full'); END")
+        with pytest.raises(IntegrityError, match="full"):
+            harness.service.tick()
+        disk.execute("DROP TRIGGER full")
+    disk.close()
+    harness.bus.record("transfer", "warning", "frame 2 failed")
+    harness.look()
+    assert ["2 notifications" in body["subject"] for body in receiver.bodies] == [True]
 
 
 def test_many_events_are_combined_to_one_message(harness, receiver):

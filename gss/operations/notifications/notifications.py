@@ -20,7 +20,7 @@ from gss.operations.notifications.senders import OutgoingMessage
 from gss.operations.telemetry.alarms import AlarmService
 from gss.store import notifications as store
 from gss.store.engine import Database
-from gss.store.models import Alarm, Notification
+from gss.store.models import Alarm, Event, Notification
 
 log = logging.getLogger("gss.notifications")
 EVERY_S = 1.0
@@ -32,6 +32,8 @@ LINES = 40
 """Maximum number of notifications that one message lists. The message states the number of the notifications that it
 does not list."""
 KEPT = timedelta(days=90)
+MAX_EVENTS = 500
+"""Maximum number of events that one pass of the thread reads."""
 Send = Callable[[Target, OutgoingMessage], str]
 
 
@@ -112,7 +114,10 @@ class NotificationService:
             view.row.id: view.text if view.text.startswith(view.title) else f"{view.title}: {view.text}"
             for view in views
         }
-        self._add([*self._of_alarms(unanswered, texts), *self._of_events()])
+        events = self._bus.after(self._seq, MAX_EVENTS)
+        self._add([*self._of_alarms(unanswered, texts), *self._of_events(events)])
+        if events:
+            self._seq = events[-1].seq  # only now, so that a failing store does not lose these events
         self._send_due()
 
     def _begin(self) -> None:
@@ -144,8 +149,7 @@ class NotificationService:
                         )
                         yield _Notification(key, rule.name, target, row.worst, text, rule.due(row.worst, now), row.id)
 
-    def _of_events(self) -> Iterator[_Notification]:
-        events = self._bus.after(self._seq, 500)
+    def _of_events(self, events: Sequence[Event]) -> Iterator[_Notification]:
         now = self._now()
         for event in events:
             for rule in self.rules.rules:
@@ -154,14 +158,18 @@ class NotificationService:
                         key = f"event {event.seq} {rule.name} {target}"
                         text = f"{event.text} ({event.kind}, {event.at:%Y-%m-%d %H:%M:%SZ})"
                         yield _Notification(key, rule.name, target, event.severity, text, rule.due(event.severity, now))
-            self._seq = event.seq
 
     def _add(self, messages: Sequence[_Notification]) -> list[Notification]:
         if not messages:
             return []
-        now = self._now()
+        now, by_key = self._now(), {message.key: message for message in messages}
         with self._database.unit_of_work() as session:
-            stored_keys = store.known_keys(session, [message.key for message in messages])
+            states = store.states_by_key(session, list(by_key))
+            # An alarm that is no longer shelved, or was raised again, needs its message again.
+            for row in store.of_keys(session, [key for key, state in states.items() if state == "withdrawn"]):
+                message = by_key[row.key]
+                row.state, row.tries, row.problem, row.finished = "pending", 0, "", None
+                row.text, row.due = message.text, message.due
             rows = [
                 Notification(
                     key=message.key,
@@ -176,8 +184,8 @@ class NotificationService:
                     tries=0,
                     problem="",
                 )
-                for message in {message.key: message for message in messages}.values()
-                if message.key not in stored_keys
+                for message in by_key.values()
+                if message.key not in states
             ]
             session.add_all(rows)
         return rows
