@@ -47,6 +47,11 @@ def take_due(session: Session, target: str, now: datetime) -> list[Notification]
     return rows
 
 
+def waiting(session: Session, now: datetime) -> list[Notification]:
+    """Return the pending notifications that are not due yet."""
+    return list(session.scalars(select(Notification).where(Notification.state == "pending", Notification.due > now)))
+
+
 def withdraw_others(session: Session, alarm_ids: Sequence[int], now: datetime) -> None:
     """Withdraw the pending notifications of all alarms except ``alarm_ids``."""
     session.execute(

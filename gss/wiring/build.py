@@ -93,6 +93,7 @@ def build(
             base.bus,
             base.database,
             clock.now,
+            clock.monotonic_s,
             Sender(settings.notifications_private).send,
         ),
         upkeep=open_upkeep(

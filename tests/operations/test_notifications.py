@@ -23,7 +23,7 @@ from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.link import LinkService
-from gss.operations.notifications.notifications import MAX_TRIES, NotificationService
+from gss.operations.notifications.notifications import LAST_RETRY, MAX_TRIES, NotificationService
 from gss.operations.notifications.rules_file import read_rules
 from gss.operations.notifications.senders import OutgoingMessage, Sender, is_public
 from gss.operations.telemetry.alarms import AlarmService
@@ -130,7 +130,7 @@ class Harness:
     """Alarms and notifications on a database with a settable clock; ``look`` is one pass of the thread."""
 
     def __init__(self, database, bus, clock, folder: Path, rules: str) -> None:
-        self.database, self.bus, self.clock = database, bus, clock
+        self.database, self.bus, self.clock, self.set_back_s = database, bus, clock, 0.0
         self.link = LinkService(
             DICTIONARY,
             default_roles(DICTIONARY),
@@ -154,7 +154,13 @@ class Harness:
         """Return the service of a server that starts now, without its thread."""
         rules = read_rules(str(self.file), ENVIRONMENT)
         service = NotificationService(
-            rules, self.alarms, self.bus, self.database, self.clock, Sender(True, ENVIRONMENT).send
+            rules,
+            self.alarms,
+            self.bus,
+            self.database,
+            self.clock,
+            lambda: self.clock.at.timestamp() + self.set_back_s,
+            Sender(True, ENVIRONMENT).send,
         )
         service._thread.start = lambda: None  # type: ignore[method-assign]
         service.start()
@@ -162,6 +168,11 @@ class Harness:
 
     def raise_alarm(self, state: State = State.WARNING) -> None:
         self.alarms.watch(DISK, state, 1.0, "Disk: nearly full", "nearly full")
+
+    def set_clock_back(self, seconds: float) -> None:
+        """Set the clock back; the monotonic clock continues."""
+        self.clock.forward(-seconds)
+        self.set_back_s += seconds
 
     def look(self, after_s: float = 0.0) -> dict[str, str]:
         """Advance the clock, run a pass, wait for messages being sent, and run another. Return each row's state by key."""
@@ -248,6 +259,41 @@ def test_events_that_a_failing_store_rejects_are_sent_later(harness, receiver):
     harness.bus.record("transfer", "warning", "frame 2 failed")
     harness.look()
     assert ["2 notifications" in body["subject"] for body in receiver.bodies] == [True]
+
+
+def test_a_clock_that_is_set_back_delays_no_message(harness, receiver):
+    """After the clock is set back, the pause between messages and the wait for a retry keep their lengths."""
+    harness.bus.record("transfer", "warning", "frame 1 failed")
+    harness.look()
+    harness.set_clock_back(3 * 3600)
+    receiver.status = 500
+    harness.raise_alarm(State.CRITICAL)
+    harness.look(30)
+    assert len(receiver.bodies) == 1
+    harness.look(31)
+    assert len(receiver.bodies) == 2
+    harness.set_clock_back(3 * 3600)
+    receiver.status = 200
+    harness.look()
+    harness.look(LAST_RETRY.total_seconds())
+    assert len(receiver.bodies) == 3
+    assert [row.state for row in harness.service.newest(100)] == ["sent", "sent"]
+
+
+def test_quiet_hours_have_their_end_after_the_clock_is_set_back(database, bus, clock, tmp_path, mailbox, receiver):
+    """A message that waits for the end of the quiet hours is sent at this end, and at once before the quiet hours."""
+    start, end = f"{clock() - timedelta(hours=1):%H:%M}", f"{clock() + timedelta(hours=2):%H:%M}"
+    rules = RULES.format(mail=mailbox.port, hook=receiver.port).replace(
+        "    escalate: [{after_min: 10, to: [mail]}]", f'    quiet: {{start: "{start}", end: "{end}"}}'
+    )
+    harness = Harness(database, bus, clock, tmp_path, rules)
+    harness.raise_alarm()
+    harness.look()
+    harness.set_clock_back(1800)
+    assert list(harness.look(2 * 3600).values()) == ["pending"]
+    harness.set_clock_back(3 * 3600)
+    assert list(harness.look().values()) == ["sent"]
+    harness.service.stop()
 
 
 def test_many_events_are_combined_to_one_message(harness, receiver):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -13,7 +14,7 @@ from datetime import datetime, timedelta
 
 from gss.domain.errors import NotFound
 from gss.domain.limits import ORDER, State
-from gss.operations.clock import Now
+from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
 from gss.operations.notifications.rules_file import NotificationRule, NotificationRules, Target
 from gss.operations.notifications.senders import OutgoingMessage
@@ -56,13 +57,21 @@ class NotificationService:
     being sent, the message is marked as unknown and is not sent again."""
 
     def __init__(
-        self, rules: NotificationRules, alarms: AlarmService, bus: EventBus, database: Database, now: Now, send: Send
+        self,
+        rules: NotificationRules,
+        alarms: AlarmService,
+        bus: EventBus,
+        database: Database,
+        now: Now,
+        monotonic_s: Monotonic,
+        send: Send,
     ) -> None:
         self.rules = rules
         self._alarms, self._bus, self._database, self._now, self._send = alarms, bus, database, now, send
+        self._monotonic_s = monotonic_s
         self._pools: dict[str, ThreadPoolExecutor] = {}
         self._sending: dict[str, tuple[Future[str], tuple[int, ...]]] = {}
-        self._last_sent: dict[str, datetime] = {}
+        self._last_sent_s: dict[str, float] = {}
         self._seq, self._began = 0, False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="notifications", daemon=True)
@@ -193,18 +202,29 @@ class NotificationService:
     # --- sending ------------------------------------------------------------------------------------------------
 
     def _send_due(self) -> None:
-        now = self._now()
+        now, now_s = self._now(), self._monotonic_s()
+        self._limit_waits(now)
         for target in self.rules.targets:
-            last = self._last_sent.get(target.name)
-            if target.name in self._sending or (last and now - last < timedelta(seconds=self.rules.pause_s)):
+            last_s = self._last_sent_s.get(target.name, -math.inf)
+            if target.name in self._sending or now_s - last_s < self.rules.pause_s:
                 continue
             with self._database.unit_of_work() as session:
                 rows = store.take_due(session, target.name, now)
             if rows:
-                self._last_sent[target.name] = now
+                self._last_sent_s[target.name] = now_s
                 pool = self._pools.setdefault(target.name, ThreadPoolExecutor(1, f"notify {target.name}"))
                 job = pool.submit(self._send, target, self._message(rows))
                 self._sending[target.name] = job, tuple(row.id for row in rows)
+
+    def _limit_waits(self, now: datetime) -> None:
+        """Limit the wait of each message to the one that it would have if it were created or retried now. A longer wait
+        means that the server's clock was set back, possibly while the server was down."""
+        rules = {rule.name: rule for rule in self.rules.rules}
+        with self._database.unit_of_work() as session:
+            for row in store.waiting(session, now):
+                rule = rules.get(row.rule)  # None for a test message, or a rule that was removed from the file
+                first_due = now if rule is None else rule.due(row.level, now)
+                row.due = min(row.due, now + LAST_RETRY if row.tries else first_due)
 
     def _message(self, rows: Sequence[Notification]) -> OutgoingMessage:
         level = max((row.level for row in rows), key=lambda name: ORDER[State(name)])
