@@ -23,8 +23,9 @@ class FrameAttitude:
 
 
 def attitudes_between(session: Session, origin: str, start: datetime, end: datetime, limit: int) -> list[FrameAttitude]:
-    """Return up to ``limit`` attitudes of frames exposed in a time range, oldest first. For the origin ``ground``, use
-    the operational attitude of each frame; for another origin, use the newest attitude of this origin."""
+    """Return up to ``limit`` attitudes of frames exposed in a time range, oldest first, without frames whose time of
+    exposure is unknown. For the origin ``ground``, use the operational attitude of each frame; for another origin, use
+    the newest attitude of this origin."""
     newest_id = (
         select(func.max(Solution.id))
         .where(Solution.frame_id == Frame.id, Solution.origin == origin, Solution.outcome == "solved")
@@ -34,7 +35,8 @@ def attitudes_between(session: Session, origin: str, start: datetime, end: datet
     query = (
         select(Frame.id, Frame.taken, Solution.quaternion, Solution.sigma_rad)
         .join(Solution, Solution.frame_id == Frame.id)
-        .where(Frame.taken.between(start, end), Solution.outcome == "solved", Solution.quaternion.is_not(None))
+        .where(Frame.taken.between(start, end), Frame.time_known)
+        .where(Solution.outcome == "solved", Solution.quaternion.is_not(None))
         .where(Solution.operational if origin == "ground" else Solution.id == newest_id)
         .order_by(Frame.taken, Frame.id)
         .limit(limit)

@@ -19,7 +19,14 @@ from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
 from gss.operations.report.parts import Plot
 from gss.operations.studies import analysis_sheets
-from gss.operations.studies.analysis_requests import FrameAnalysis, MovingRequest, SheetRequest, TelemetryAnalysis
+from gss.operations.studies.analysis_requests import (
+    FrameAnalysis,
+    HealthRequest,
+    MovingRequest,
+    SheetRequest,
+    TelemetryAnalysis,
+)
+from gss.operations.studies.night_frames import StoredShots, apparent_stars, request_of
 from gss.pipeline.analysis.sensitivity import detection_limit
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
@@ -212,6 +219,34 @@ def test_impossible_analyses_are_rejected(server: AnalysisServer) -> None:
     job = service.start(of_frames("earth-fixed", server.fixed, profile="sunsat"), user="x")
     with pytest.raises(AssertionError, match="No frame could be solved"):
         server.analysis_of(job)
+
+
+def test_frames_with_an_unknown_time_are_analysed_without_it(server: AnalysisServer) -> None:
+    """Analyses over time reject a frame that has only the time of its import. Others use the stars of the solver's epoch,
+    as the result of the frame does, and do not state a time."""
+    services, service = server.services, server.services.studies.analyses
+    later = NIGHT.replace(year=2100)
+    pixels = services.frames.frames.pixels(services.frames.frames.get(server.fixed[0]))
+    frame, _ = services.frames.frames._add(
+        pixels, source="import", taken=later, time_known=False, bits=8, exposure_s=0.25, profile="cubestar"
+    )
+    ids = (*server.fixed[:2], frame.id)
+    timed = of_frames("two-cameras", server.fixed, other_profile="cubestar", other_ids=[frame.id])
+    for request in (
+        *(of_frames(kind, ids) for kind in ("earth-fixed", "celestial-fixed", "nea")),
+        of_frames("slew", ids, commanded_deg_s=1.0),
+        timed,
+        SheetRequest(kind="sheet", profile="cubestar", frame_ids=list(ids)),
+        MovingRequest(kind="moving", profile="cubestar", frame_ids=list(ids)),
+        HealthRequest(kind="health", profile="cubestar", frame_ids=list(ids)),
+    ):
+        with pytest.raises(BadInput, match=f"frame {frame.id} has only the time of its import"):
+            service.start(request, user="x")
+    row = server.analysis_of(service.start(of_frames("spatial", ids), user="x"))
+    assert ", time unknown, chain" in row.result["report"]["subtitle"]
+    (shot,) = StoredShots(services.base.database, services.frames.frames).of([frame.id])
+    assert request_of(shot, CAMERA, None, "reference").epoch_jyear is None
+    assert apparent_stars(services.frames.solver, shot) is services.frames.solver.stars(None)
 
 
 def test_a_performance_sheet_of_a_night_states_what_it_lacks(server: AnalysisServer) -> None:

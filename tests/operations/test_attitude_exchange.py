@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,8 @@ from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.operations.parsing.parse_worker import ParseLimits
 from gss.orbit.attitude import AttitudeHistory
 from gss.orbit.write_attitude import aem_of
+from gss.store import frames as store
+from gss.store.models import Frame, Solution
 
 
 def test_a_message_is_read_in_a_child_process_with_limits(database, clock) -> None:
@@ -23,3 +27,23 @@ def test_a_message_is_read_in_a_child_process_with_limits(database, clock) -> No
         exchange = AttitudeExchange(database, parsing, lambda: "unit", clock)
         with pytest.raises(TooCostly, match="the message is too expensive to read"):
             exchange.compare(data, "ground")
+
+
+def test_frames_with_an_unknown_time_are_not_exchanged(database, clock) -> None:
+    """A frame that has only the time of its import is neither exported nor compared."""
+    with database.unit_of_work() as session:
+        for k, time_known in enumerate((True, False, True)):
+            taken = clock() + timedelta(seconds=k)
+            frame = Frame(source="import", name=f"{k}", taken=taken, received=taken, columns=2, rows=2, bits=8)
+            frame.dtype, frame.sha256, frame.time_known = "|u1", "0", time_known
+            store.add(session, frame)
+            solution = Solution(frame_id=frame.id, origin="ground", chain="reference", version="1", created=taken)
+            solution.outcome, solution.operational, solution.quaternion = "solved", True, [0.0, 0.0, 0.0, 1.0]
+            store.add_solution(session, solution)
+    with ParseProcesses() as parsing:
+        exchange = AttitudeExchange(database, parsing, lambda: "unit", clock)
+        span = clock(), clock() + timedelta(seconds=2)
+        history = exchange.history("ground", *span)
+        assert [t - clock().timestamp() for t in history.times_s] == [0, 2]
+        comparison = exchange.compare("".join(exchange.message("aem", "ground", *span)).encode(), "ground")
+    assert [row.frame_id for row in comparison.compared] == [1, 3]

@@ -16,6 +16,7 @@ from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.results import BLIND, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.stars import StarTable
 from gss.operations.clock import Monotonic
 from gss.operations.frames.dark_frames import DARK, Pattern
 from gss.operations.frames.solver_cache import SolverCache
@@ -120,7 +121,7 @@ class Solver:
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
         profile, camera = _camera_of(request, self._profiles)
-        epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
+        epoch = self._epoch_of(request.epoch_jyear)
         if request.options and request.chain == reference.NAME:
             raise _no_constants()
         if request.chain != reference.NAME:
@@ -147,6 +148,13 @@ class Solver:
             )
             result = replace(result, notes=(*result.notes, *cleaned))
         return _noted(_with_aberration_note(result, request.observer), profile, epoch)
+
+    def stars(self, epoch_jyear: float | None) -> StarTable:
+        """Return the star positions that a request with this epoch uses."""
+        return self.cache.stars(self._epoch_of(epoch_jyear))
+
+    def _epoch_of(self, epoch_jyear: float | None) -> float:
+        return self._epoch_jyear if epoch_jyear is None else epoch_jyear
 
     def cleaned(
         self, pixels: NDArray[Any], profile: CameraProfile | None, exposure_s: float | None

@@ -40,6 +40,8 @@ KINDS = (
     "telemetry",
 )
 FRAME_KINDS = KINDS[:-1]
+TIMED_KINDS = ("earth-fixed", "celestial-fixed", "slew", "nea", "two-cameras", "sheet")
+"""Kinds of analyses of frames that compare the attitudes over time."""
 DEEPER_MAG = 4.0
 """Stars are searched for up to this number of magnitudes below the profile's limit, so that the range includes the true
 limit."""
@@ -235,6 +237,7 @@ def subject_of(run: AnalysisRun) -> str:
     version = run.profile.sources.get("calibration", "")
     camera = f"{run.profile.name}, {version}" if version else run.profile.name
     chain = next((r.chain for r in run.results if r is not None), "")
-    return (
-        f"{counted(len(run.shots), 'frame')} of {camera}, {first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z, chain {chain}"
-    )
+    span = f"{first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z"
+    if not all(shot.time_known for shot in run.shots):
+        span = "time unknown"
+    return f"{counted(len(run.shots), 'frame')} of {camera}, {span}, chain {chain}"

@@ -21,6 +21,7 @@ from gss.operations.report.parts import report_from
 from gss.operations.report.pdf import as_pdf
 from gss.operations.requests import as_stored
 from gss.operations.studies.analyse import (
+    TIMED_KINDS,
     AnalysisResult,
     AnalysisRun,
     analyse,
@@ -111,14 +112,14 @@ class AnalysisService:
             kind, subject = "sheet", f"contact {analysis_request.contact}"
         elif isinstance(analysis_request, MovingRequest | HealthRequest):
             self._book.profile(analysis_request.profile)
-            shots = self._shots.of(analysis_request.frame_ids)
+            shots = self._shots.of(analysis_request.frame_ids, timed=True)
             kind = "health" if isinstance(analysis_request, HealthRequest) else "moving objects"
             subject = counted(len(shots), "frame")
         else:
             self._book.profile(analysis_request.profile)
             if analysis_request.other_ids:
                 self._book.profile(analysis_request.other_profile)
-            shots, other_shots = self._shots.of(analysis_request.frame_ids), self._shots.of(analysis_request.other_ids)
+            shots, other_shots = self._shots_of(analysis_request)
             kind, subject = analysis_request.kind, "simulated unit" if not shots else counted(len(shots), "frame")
         name = analysis_request.title or f"{kind}, {subject}"
 
@@ -154,8 +155,13 @@ class AnalysisService:
 
     def sheet(self, request: SheetRequest, progress: Progress) -> AnalysisResult:
         """Return the performance sheet of a request without storing it. Raises BadInput or NotFound."""
-        shots, other_shots = self._shots.of(request.frame_ids), self._shots.of(request.other_ids)
+        shots, other_shots = self._shots_of(request)
         return self._sheet(request, shots, other_shots, progress)
+
+    def _shots_of(self, request: FrameAnalysis | SheetRequest) -> tuple[list[Shot], list[Shot]]:
+        """Return the frames of both cameras."""
+        timed = request.kind in TIMED_KINDS
+        return self._shots.of(request.frame_ids, timed=timed), self._shots.of(request.other_ids, timed=timed)
 
     def _of_frames(
         self, request: FrameAnalysis, shots: list[Shot], other_shots: list[Shot], progress: Progress

@@ -33,7 +33,8 @@ ProgressCallback = Callable[[float, str], None]
 @dataclass(frozen=True)
 class Shot:
     """One frame of a night. ``pixels``: function that reads the pixels; ``frame_id``: id in the store, None for a file;
-    ``observer``: velocity of the observer; None leaves aberration uncorrected."""
+    ``observer``: velocity of the observer; None leaves aberration uncorrected. ``time_known``: False if ``taken`` is the
+    time of the import."""
 
     name: str
     taken: datetime
@@ -42,6 +43,12 @@ class Shot:
     pixels: Callable[[], Pixels]
     frame_id: int | None = None
     observer: Observer | None = None
+    time_known: bool = True
+
+    @property
+    def epoch_jyear(self) -> float | None:
+        """Epoch of the star positions; None for the epoch of the solver."""
+        return epoch_at(self.taken) if self.time_known else None
 
 
 class ShotAccount(TypedDict):
@@ -73,8 +80,9 @@ class StoredShots:
     def __init__(self, database: Database, frames: FrameService) -> None:
         self._database, self._frames = database, frames
 
-    def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
-        """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows.
+    def of(self, ids: Sequence[int], aberration: bool | None = None, *, timed: bool = False) -> list[Shot]:
+        """Return the frames with the given ids, oldest first. Raises BadInput if a frame has missing rows, or, with
+        ``timed``, an unknown time of exposure.
         ``aberration``: True or False to correct aberration or not. None corrects it in frames with a known time of
         observation, except in simulated frames, because the simulator adds aberration only if this is enabled."""
         with self._database.unit_of_work() as session:
@@ -86,6 +94,14 @@ class StoredShots:
                 got=f"frame {incomplete[0]} has missing rows",
                 hint="download the missing rows, or exclude the frame",
             )
+        untimed = [row.id for row in rows if timed and not row.time_known]
+        if untimed:
+            raise BadInput(
+                "frames with an unknown time of exposure cannot be used",
+                expected="frames whose files state their time (DATE-OBS or EXIF)",
+                got=f"frame {untimed[0]} has only the time of its import",
+                hint="exclude the frame, or import it from a file with a time",
+            )
         return [
             Shot(
                 f"frame {r.id}",
@@ -95,6 +111,7 @@ class StoredShots:
                 partial(self._frames.pixels, r),
                 r.id,
                 observer_of_frame(r, aberration),
+                r.time_known,
             )
             for r in sorted(rows, key=lambda row: (row.taken, row.id))
         ]
@@ -162,7 +179,7 @@ def request_of(
     """Return the request to solve a shot with a known camera, with a known width of the field of view, or blind.
     ``camera``: geometry to use instead of the geometry in the profile."""
     request = SolveRequest(
-        chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
+        chain=chain, epoch_jyear=shot.epoch_jyear, observer=shot.observer, exposure_s=shot.exposure_s
     )
     if profile is not None:
         return replace(request, camera_profile=profile if camera is None else replace(profile, camera=camera))
@@ -191,7 +208,7 @@ def matched_stars(
 def apparent_stars(solver: Solver, shot: Shot) -> StarTable:
     """Return the stars at the date of a shot, displaced by aberration. Aberration changes the image scale by up to
     1e-4, which would otherwise appear as an error of the fitted focal length."""
-    stars = solver.cache.stars(epoch_at(shot.taken))
+    stars = solver.stars(shot.epoch_jyear)
     if shot.observer is None:
         return stars
     return replace(stars, icrs=aberrate(stars.icrs, np.array(shot.observer.velocity_c)))

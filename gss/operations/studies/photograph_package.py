@@ -117,7 +117,9 @@ def _with_date(photographs: Sequence[Photograph], taken: datetime | None) -> lis
         return list(photographs)
     observer = observer_at(taken)
     return [
-        p if p.shot.observer is not None else replace(p, shot=replace(p.shot, taken=taken, observer=observer))
+        p
+        if p.shot.observer is not None
+        else replace(p, shot=replace(p.shot, taken=taken, observer=observer, time_known=True))
         for p in photographs
     ]
 
