@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
 import pytest
 
+from gss.instruments.registry import shipped_camera
 from gss.operations.report.draw_intervals import axis_range
 from gss.operations.report.html import as_svg
 from gss.operations.report.parts import Interval, Intervals
+from gss.operations.studies.analyse import AnalysisRun, subject_of
+from gss.operations.studies.night_frames import Shot
 from gss.operations.studies.sheet_record import BoundedValue, RowValues, condition_tables, error_budget, sheet_texts
 
 
@@ -34,6 +40,21 @@ def test_numbers_of_a_figure_have_equal_decimals(given: BoundedValue, value: str
     text, interval = sheet_texts(given)
     assert (text, interval.replace("\N{NO-BREAK SPACE}", " ")) == (value, bounds)
     assert " " not in interval.removeprefix("≥ ")
+
+
+@pytest.mark.parametrize(
+    ("after", "span"),
+    [
+        (timedelta(hours=1), "2026-12-01 22:00:00Z to 23:00:00Z"),
+        (timedelta(hours=3), "2026-12-01 22:00:00Z to 2026-12-02 01:00:00Z"),
+        (timedelta(days=365), "2026-12-01 22:00:00Z to 2027-12-01 22:00:00Z"),
+    ],
+)
+def test_a_report_states_the_day_of_its_last_frame(after: timedelta, span: str) -> None:
+    """The last time has a date if it is on another day than the first one."""
+    first = datetime(2026, 12, 1, 22, tzinfo=UTC)
+    shots = [Shot(f"{at}", at, 0.25, 8, lambda: np.zeros((2, 2))) for at in (first, first + after)]
+    assert f", {span}, chain" in subject_of(AnalysisRun(shots, [None, None], shipped_camera("cubestar")))
 
 
 def test_conditions_are_lines_of_a_table() -> None:

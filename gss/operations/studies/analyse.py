@@ -237,7 +237,8 @@ def subject_of(run: AnalysisRun) -> str:
     version = run.profile.sources.get("calibration", "")
     camera = f"{run.profile.name}, {version}" if version else run.profile.name
     chain = next((r.chain for r in run.results if r is not None), "")
-    span = f"{first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z"
+    last_text = f"{last:%H:%M:%S}Z" if last.date() == first.date() else f"{last:%Y-%m-%d %H:%M:%S}Z"
+    span = f"{first:%Y-%m-%d %H:%M:%S}Z to {last_text}"
     if not all(shot.time_known for shot in run.shots):
         span = "time unknown"
     return f"{counted(len(run.shots), 'frame')} of {camera}, {span}, chain {chain}"
