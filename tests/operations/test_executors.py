@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +23,7 @@ from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.operations.events import EventBus
 from gss.operations.jobs import Cancelled, JobService
+from gss.operations.studies import executor as executor_module
 from gss.operations.studies import experiments, reprocess
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.dask_executor import make_executor
@@ -218,6 +220,30 @@ def test_an_error_of_an_item_is_raised_by_every_executor(cluster: Cluster) -> No
         ):
             list(records)
         executor.stop()
+
+
+class EndingFuture(Future[str]):
+    """Future whose work ends directly after a wait for its result timed out."""
+
+    def result(self, timeout: float | None = None) -> str:
+        try:
+            return super().result(timeout)
+        except TimeoutError:
+            self.set_result("rows")
+            raise
+
+
+def test_work_that_ends_during_a_check_is_no_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the work ends between the timeout of a check and the next question, its result is returned. A TimeoutError of
+    the work itself is raised."""
+    monkeypatch.setattr(executor_module, "LOOK_S", 0.0)
+    shares: list[float] = []
+    assert executor_module._result(EndingFuture(), shares.append) == "rows"
+    failed: Future[str] = Future()
+    failed.set_exception(TimeoutError("of the work"))
+    with pytest.raises(TimeoutError, match="of the work"):
+        executor_module._result(failed, shares.append)
+    assert shares == []
 
 
 def test_an_unavailable_cluster_is_reported(tmp_path: Path) -> None:

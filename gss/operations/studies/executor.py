@@ -118,8 +118,8 @@ def _result(future: Future[Result], waiting: Waiting | None) -> Result:
         try:
             return future.result(LOOK_S if waiting else None)
         except Late:
-            if future.done():  # the work raised this error
-                raise
+            if future.done():  # the work raised this error, or has just ended
+                return future.result()
             if waiting is not None:
                 waiting(0.0)
 
