@@ -194,7 +194,8 @@ def retention(arguments: argparse.Namespace) -> int:
     clock, waiting = services.base.trust.state(), services.upkeep.retention.waiting()
     policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast.now()
     removal, failed = services.upkeep.retention.preview(policy), 0
-    facts: dict[str, Any] = {
+    outcome: dict[str, str] = {}
+    facts = {
         "policy": policy.model_dump(),
         "forecast": asdict(forecast),
         "clock": asdict(clock),
@@ -206,13 +207,13 @@ def retention(arguments: argparse.Namespace) -> int:
             job = services.upkeep.retention.run(user="the shell", confirmed=confirmed)
             services.base.jobs.finish()
             job = services.base.jobs.get(job.id)
-            facts |= {"removed": job.result.get("removed", {}), "state": job.state}
+            facts["removed"], outcome["state"] = job.result.get("removed", {}), job.state
             if job.state != "done":
                 failed = 1
                 print(f"gss: the removal is {job.state}: {job.text}", file=sys.stderr)
     services.base.database.close()
     if arguments.json:
-        print(json.dumps(facts, default=str))
+        print(json.dumps(facts | outcome, default=str))
         return failed
     _print_rows(_POLICY_ROWS, facts["policy"])
     _print_rows(_FORECAST_ROWS, facts["forecast"])

@@ -297,12 +297,12 @@ class JobService:
         except Exception as error:  # a defect in a job must be shown as a failure and must not end the thread
             self._fail(job, reason_of(error), self._until_stored)
         else:
-            self._store_result(job, {"result": result, **last})
+            self._store_result(job, result, last)
 
-    def _store_result(self, job: Job, values: dict[str, Any]) -> None:
-        values |= {"state": "done", "text": "Done", "checkpoint": None, "finished": self._now()}
+    def _store_result(self, job: Job, result: JobResult, last: dict[str, int]) -> None:
+        ended = {"state": "done", "text": "Done", "checkpoint": None, "finished": self._now()}
         try:
-            self._until_stored(partial(self._update, job.id, **values))
+            self._until_stored(partial(self._update, job.id, result=result, **ended, **last))
         except StoreDown:
             raise
         except Exception as error:  # the database cannot hold this result

@@ -72,7 +72,7 @@ ALLOWED: tuple[tuple[str, str, str], ...] = (
     ("gss/operations/catalogues/build_catalogue.py", "job.asked", STORED),
     ("gss/operations/catalogues/design.py", "asked: DesignQuestion", STORED),
     ("gss/operations/catalogues/design.py", "job.asked", STORED),
-    ("gss/operations/jobs.py", '"asked"', STORED),
+    ("gss/operations/job_rules.py", '"asked"', STORED),
     ("gss/operations/studies/campaigns.py", "asked: ExperimentsRequest", STORED),
     ("gss/operations/studies/campaigns.py", "request.asked", STORED),
     ("gss/operations/studies/reprocess.py", "asked: ReprocessRequest", STORED),

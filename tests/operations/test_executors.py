@@ -233,7 +233,7 @@ class EndingFuture(Future[str]):
             raise
 
 
-def test_work_that_ends_during_a_check_is_no_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_work_that_ends_during_a_check_does_not_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """If the work ends between the timeout of a check and the next question, its result is returned. A TimeoutError of
     the work itself is raised."""
     monkeypatch.setattr(executor_module, "LOOK_S", 0.0)
