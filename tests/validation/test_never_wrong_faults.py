@@ -233,6 +233,16 @@ def test_two_stars_beside_each_other_do_not_determine_the_boresight() -> None:
     assert "the boresight could be" in reason
 
 
+def test_three_stars_that_match_mirrored_as_well_give_no_attitude() -> None:
+    """AIM's chain matched all three stars of a mirrored frame with others near a known attitude, by accident. The frame without
+    the mirror matches three stars as well.
+    """
+    fault, judged, reason = _solved_again("aim", "own", 534877)
+    assert fault.mirrored
+    assert judged.verdict.value == "none"
+    assert "as many in the mirrored frame" in reason
+
+
 def test_three_stars_with_improbable_residuals_are_rejected() -> None:
     """CubeStar's chain matched two stars and a false one near a known attitude. The residuals are four times the errors, which is
     less probable than an accidental match.

@@ -60,6 +60,8 @@ FIXED_CASES = "\n".join(
         "- aim, magnitudes +0.5, tracking (attitude 216752): two stars 1.3 px apart matched correctly, but do not determine the "
         "rotation about them, and the boresight was 7.8 px off. AIM's and Oersted's chains now require that three standard "
         "deviations of the boresight are at most 5 px, as Sunsat's chain does",
+        "- aim, mirrored, assisted (attitude 534877): all three stars matched by accident, with a bound of 4e-4, and three match "
+        "in the mirrored frame as well. Three or more stars must now be more than those that match in the mirrored frame",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)

@@ -131,13 +131,17 @@ def _matches_mirrored(
     hint: AttitudePrior | None,
     probability: float,
 ) -> str:
-    """Return the reason if the mirrored frame matches more stars, or "". A few stars of a mirrored frame match near a known
-    attitude more often than the bound states, so the frame is tested unless the bound is very small."""
+    """Return the reason if the mirrored frame matches more stars, or as many if there are three or more, or "". A few stars of
+    a mirrored frame match near a known attitude more often than the bound states, so the frame is tested unless the
+    bound is very small. Two stars match mirrored as well, only with another rotation."""
     if probability <= DOUBTFUL_PROBABILITY:
         return ""
     mode = matching.mode if hint is None or hint.quaternion is None else Mode.TRACKING
     mirrored = match_stars(centroids.mirrored(camera.columns), camera, catalogue, parameters, mode, hint)
-    return MIRRORED if len(mirrored.selected) > len(matching.selected) else ""
+    found, selected = len(mirrored.selected), len(matching.selected)
+    if found > selected:
+        return MIRRORED
+    return f"{selected} stars match, and as many in the mirrored frame" if found == selected > PAIR else ""
 
 
 def false_match_probability(
