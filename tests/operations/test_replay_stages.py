@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,12 +15,15 @@ import pytest
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.simulator.reports import attitude_report, centroid_report, match_report
 from gss.domain.angles import ra_dec_from_unit
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.frames import cam_from_icrs
 from gss.domain.results import SolveResult
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames.onboard_reported import record_from, reported_of
 from gss.operations.frames.onboard_results import OnboardRecord
+from gss.operations.frames.replay import ReplayService, Shelf
 from gss.operations.frames.replay_stages import ReplayStage, Rerun, StageVerdict, first_difference, stages
+from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState, TimedAttitude
 from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, Work, solve
@@ -107,6 +111,25 @@ def test_another_threshold_differs_first_in_detection(name: str) -> None:
     first = next(s for s in replayed if s.verdict is StageVerdict.DIFFERS)
     assert first.name in ("regions rejected", "centroids", "places", "light")
     assert first.difference == first_difference(replayed) != "equal"
+
+
+def test_a_bank_is_prepared_again_for_a_replaced_package() -> None:
+    """The last prepared bank is used again only for the same camera and sensor, not for those of another package with the
+    same name."""
+    name = "sunsat"
+    known = shipped_camera(name)
+    bank = SolverCache(STARS.brighter_than(4.0)).bank(known, 2027.0)
+    service = ReplayService(*[cast(Any, None)] * 4, time.perf_counter)
+
+    def prepared(profile: CameraProfile) -> Any:
+        return service._prepared(Shelf(profile, system(name), {}, None, np.zeros((0, 2), np.intp), ()), "0", bank)
+
+    first = prepared(known)
+    assert prepared(replace(known, title="another text")) is first
+    assert prepared(replace(known, camera=known.camera.with_focal_scaled(1.01))) is not first
+    other = prepared(known)
+    assert prepared(replace(known, sensor=replace(known.sensor, faint_limit_mag=3.0))) is not other
+    service.stop()
 
 
 def test_another_bank_differs_first_in_the_matches() -> None:

@@ -145,7 +145,8 @@ class ReplayService:
 
     def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
         """Return the bank in the form that the chain prepares. Only the last prepared bank is cached."""
-        key = (shelf.chain.name, shelf.profile.name, sha256, shelf.key)
+        # Not by name, because a replaced package has the same one.
+        key = (shelf.chain.name, shelf.profile.camera, shelf.profile.sensor, sha256, shelf.key)
         if self._last_prepared is None or self._last_prepared[0] != key:
             prepared = shelf.chain.prepare(bank, shelf.profile)
             if shelf.triplets is not None and hasattr(prepared, "triplets"):
