@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy.exc import IntegrityError
 
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames import solve_queue
+from gss.operations.frames.onboard_results import OnboardRecord
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.wiring.build import build
@@ -78,3 +80,19 @@ def test_a_repeated_number_after_a_clock_reset_is_another_frame(services: Servic
     assert frames.has_number(1, frame.taken + timedelta(seconds=5))
     assert not frames.has_number(1, frame.taken + timedelta(minutes=10))
     assert not frames.has_number(2, frame.taken)
+
+
+def test_an_on_board_result_stays_if_its_replacement_cannot_be_stored(services: Services) -> None:
+    """A more complete result of the sensor replaces the earlier one in one transaction."""
+    frames, frame = services.frames.frames, receive_frame(services)
+    first = frames.add_on_board(frame, OnboardRecord(1))
+    with services.base.database.engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TRIGGER f BEFORE INSERT ON solutions BEGIN SELECT RAISE(ABORT, 'full'); END")
+    with pytest.raises(IntegrityError, match="full"):
+        frames.add_on_board(frame, OnboardRecord(1, attitude={"outcome": "none"}))
+    assert frames.detail(frame.id).on_board.id == first.id
+    with services.base.database.engine.begin() as connection:
+        connection.exec_driver_sql("DROP TRIGGER f")
+    second = frames.add_on_board(frame, OnboardRecord(1, attitude={"outcome": "none"}))
+    on_board = [row.id for row in frames.detail(frame.id).solutions if row.origin == "on board"]
+    assert on_board == [second.id]

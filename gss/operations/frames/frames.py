@@ -299,13 +299,9 @@ class FrameService:
             raise GssError("the camera of the frame is unknown", expected="a frame of a known instrument")
         profile = self._instruments.camera(frame.profile)
         result = onboard_result(record, profile.camera, on_board(profile).name)
-        with self._database.unit_of_work() as session:
-            old = store.newest_solution(session, frame.id, "on board")
-            if old is not None:
-                session.delete(old)
         row = self._row(frame, result, "on board", profile.name)
         row.detail = row.detail | {"reported": reported_of(record, frame)}
-        return self._store(row)
+        return self._store(row, replaces="on board")
 
     def set_replay(self, solution_id: int, text: str) -> Solution:
         """Store the text that compares the ground's rerun of the sensor's chain with an on-board solution."""
@@ -333,8 +329,12 @@ class FrameService:
         """Return the documented camera of a frame, None for an unknown camera."""
         return self._instruments.find_camera(frame.profile)
 
-    def _store(self, row: Solution) -> Solution:
+    def _store(self, row: Solution, replaces: str = "") -> Solution:
+        """Store a solution. It replaces the newest solution of the origin ``replaces``, in the same transaction."""
         with self._database.unit_of_work() as session:
+            old = store.newest_solution(session, row.frame_id, replaces) if replaces else None
+            if old is not None:
+                session.delete(old)
             store.add_solution(session, row)
             store.pin_missing(session, [row.frame_id], self._chain)
         self._bus.publish("solution", row)
