@@ -8,10 +8,17 @@ from typing import Any
 import pytest
 
 from gss.device.session_events import Telemetry
+from gss.domain.errors import StoreDown
 from gss.instruments.telemetry_roles import AttitudeRole
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.frames.ground_attitude import GroundAttitude
 from gss.operations.line.clock_correlation import Correlation
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.last_attitude import LastAttitude
+from gss.store import frames as store
+from gss.store.engine import Database
+from gss.store.models import Frame, Solution
 
 ROLE = AttitudeRole(packet="solution", quaternion=("w", "x", "y", "z"), order="scalar_first", outcome="valid")
 AXIS = {"w": 0.5**0.5, "x": 0.5**0.5, "y": 0.0, "z": 0.0}
@@ -72,3 +79,25 @@ def test_an_impossible_time_is_replaced_by_that_of_reception(frame_time_s: float
     sample = last.sample()
     assert sample is not None
     assert sample.utc == datetime(2026, 11, 23, tzinfo=UTC)
+
+
+def test_a_ground_attitude_is_read_again_after_a_failure(database: Database, bus: EventBus, clock: Now) -> None:
+    """If the store fails when a new attitude is read, the next request reads it."""
+    ground = GroundAttitude(database, bus, lambda: None)
+    with database.unit_of_work() as session:
+        frame = Frame(source="device", name="", taken=clock(), received=clock(), columns=2, rows=2, bits=8)
+        frame.dtype, frame.sha256 = "|u1", "0"
+        store.add(session, frame)
+        row = Solution(frame_id=frame.id, origin="ground", chain="reference", version="1", created=clock())
+        row.outcome, row.operational, row.quaternion = "solved", True, [0.0, 0.0, 0.0, 1.0]
+        store.add_solution(session, row)
+    bus.publish("solution", row)
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql("ALTER TABLE frames RENAME TO away")
+    with pytest.raises(StoreDown):
+        ground.sample()
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql("ALTER TABLE away RENAME TO frames")
+    sample = ground.sample()
+    assert sample is not None
+    assert sample.utc == clock()

@@ -25,6 +25,7 @@ class GroundAttitude:
         self._database, self._clock = database, clock
         self._subscription = bus.subscribe(no_progress)
         self._sample: AttitudeSample | None = None
+        self._is_outdated = False
         self._lock = threading.Lock()
 
     def sample(self) -> AttitudeSample | None:
@@ -32,7 +33,10 @@ class GroundAttitude:
         with self._lock:
             messages, dropped = self._subscription.take()
             if dropped or any(message.topic == "solution" for message in messages):
+                self._is_outdated = True
+            if self._is_outdated:
                 self._read()
+                self._is_outdated = False  # only now, so that a failed read is repeated
             return self._sample
 
     def _read(self) -> None:
