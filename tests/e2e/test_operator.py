@@ -244,6 +244,18 @@ def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
     assert len(requested) < 12, requested
 
 
+def test_the_page_of_a_frame_at_rest_sends_no_requests(page, new_frame, at_rest):
+    """A frame that does not change is read once."""
+    frame = new_frame(page)
+    page.goto(f"/frames/{frame}")
+    expect(page.get_by_test_id("chain-row").first).to_be_visible()
+    at_rest(page)
+    requested: list[str] = []
+    page.on("request", lambda request: requested.append(request.url))
+    page.wait_for_timeout(2000)
+    assert not [url for url in requested if f"/api/frames/{frame}" in url]
+
+
 @pytest.mark.parametrize(
     ("page_path", "request_path", "empty"),
     [("/procedures", "procedures", "0 stored"), ("/sheet", "analyses", "No sheets yet")],
