@@ -48,6 +48,7 @@ class DriverTransfers(Protocol):
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int: ...
 
     def start_upload(
@@ -59,6 +60,7 @@ class DriverTransfers(Protocol):
         *,
         chunk_bytes: int | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int: ...
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]: ...

@@ -43,6 +43,7 @@ class NoTransfers:
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int:
         """Raise Conflict."""
         raise Conflict(f"This sensor cannot send content of type {kind}.")
@@ -56,6 +57,7 @@ class NoTransfers:
         *,
         chunk_bytes: int | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int:
         """Raise Conflict."""
         raise Conflict(f"This sensor cannot receive content of type {kind}.")

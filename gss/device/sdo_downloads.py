@@ -128,6 +128,7 @@ class SdoDownloads:
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int:
         """Queue a download. ``paused``: reason to wait until the sensor has answered. Raises Conflict for a kind of
         content that the sensor cannot send, or for a part of an image."""
@@ -150,6 +151,7 @@ class SdoDownloads:
         *,
         chunk_bytes: int | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int:
         """Raise Conflict: uploads are not supported."""
         raise Conflict(f"This sensor cannot receive content of type {kind}.")

@@ -139,6 +139,8 @@ class HostSession:
     def acknowledge_mismatch(self) -> None:
         """Accept the device's different dictionary until another one answers; packets then have the device's prefix."""
         self._handshake.acknowledge()
+        if self._handshake.greeted:
+            self.transfers.line_back()
 
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
         """Set the next ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and can be retried."""
@@ -264,19 +266,18 @@ class HostSession:
 
     def _completed(self, stage: CommandUpdate, packet: Packet, now_s: float) -> None:
         if stage.name == "HELLO":
-            self._identified(stage.values, packet.time_s, now_s)
+            self._identified(stage.values, packet.time_s)
         elif stage.name == "CONFIRM_BANK" and self._housekeeping is not None:
             record = self._command_queue.record(stage.request_id)
             if record is not None:
                 self.transfers.bank_in_use(record.payload[0])
 
-    def _identified(self, values: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
+    def _identified(self, values: Mapping[str, Value], device_time_s: float) -> None:
         previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
         if previous is not None and previous.serial != hello.serial:
-            # Commands and transfers for one unit must never reach another unit.
-            reason = f"unit {hello.serial} answered, not {previous.serial}"
-            self._events += self._command_queue.abandon(f"The {reason}.")
-            self.transfers.abandon(reason)
+            # Commands for one unit must never reach another unit.
+            self._events += self._command_queue.abandon(f"The unit {hello.serial} answered, not {previous.serial}.")
+        self.transfers.identified(hello.serial)
         if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()
         self._receiver.sequence.hello(device_time_s)
@@ -285,7 +286,7 @@ class HostSession:
         self._ids.following = max(self._ids.following, hello.last_request_id % 0xFFFF_FFFF + 1)
         self._events.append(hello)
         if self._handshake.agreed:
-            self.transfers.line_back(now_s)
+            self.transfers.line_back()
 
     def _telemetry(self, packet: Packet, now_s: float) -> None:
         telemetry = self._reader.read(packet)

@@ -85,7 +85,8 @@ class SessionTransfer:
     ``chunk_bytes``: current chunk size; ``wanted_chunk_bytes``: size that the next opening requests. ``grid_is_fixed``:
     True if the chunk size is not adapted to the line, because the owner set it or the device uses a size that differs
     from the requested size. ``waits_for_device``: True if the transfer is paused only until the device has identified
-    itself. ``note``: reason text shown while transferring.
+    itself. ``unit``: serial number of the unit to which the transfer belongs, "" before a unit has answered. ``note``:
+    reason text shown while transferring.
     """
 
     id: int
@@ -111,6 +112,7 @@ class SessionTransfer:
     resumed: bool = False
     committing: bool = False
     waits_for_device: bool = False
+    unit: str = ""
     wanted_chunk_bytes: int = 0
     grid_is_fixed: bool = False
     note: str = ""

@@ -37,6 +37,7 @@ class TransferManager:
         self._by_session: dict[int, int] = {}
         self._exchange = TransferExchange()
         self.line_is_up = False
+        self._unit = ""
 
     @property
     def line_bytes_s(self) -> float | None:
@@ -62,19 +63,22 @@ class TransferManager:
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int:
         """Queue a download and return its transfer id. Raises BadInput if the dictionary does not define the kind.
 
         ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged.
         ``part``: the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line.
-        ``paused``: reason to wait until the device has identified itself.
+        ``paused``: reason to wait until the device has identified itself. ``unit``: serial number of the unit to which
+        the transfer belongs, by default the unit that answered or the next one. Raises Conflict if another unit is on
+        the line.
         """
         size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = SessionTransfer(self._next_id, Direction.DOWN, kind, checked_target(slot), size)
         transfer.part, transfer.grid_is_fixed = part or Part(), chunk_bytes is not None
         if partial is not None:
             transfer.take_held(partial)
-        return self._queue(transfer, paused)
+        return self._queue(transfer, paused, unit)
 
     def start_upload(
         self,
@@ -85,11 +89,12 @@ class TransferManager:
         *,
         chunk_bytes: int | None = None,
         paused: str = "",
+        unit: str = "",
     ) -> int:
         """Queue an upload to a bank or slot number and return its transfer id; verify and commit follow automatically.
 
         After an interruption, an upload of the same data to the same target resumes with the chunks that the device has
-        stored. ``chunk_bytes`` and ``paused`` as in ``start_download``.
+        stored. ``chunk_bytes``, ``paused`` and ``unit`` as in ``start_download``.
         """
         if not data:
             raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
@@ -97,7 +102,7 @@ class TransferManager:
         transfer = SessionTransfer(self._next_id, Direction.UP, kind, checked_target(target), size, compatibility)
         transfer.take_content(data)
         transfer.grid_is_fixed = chunk_bytes is not None
-        return self._queue(transfer, paused)
+        return self._queue(transfer, paused, unit)
 
     def _chunk_size(self, kind: str, requested: int | None, direction: Direction) -> int:
         """Return the chunk size to request. Raises BadInput if the dictionary does not define the kind."""
@@ -106,13 +111,19 @@ class TransferManager:
         encode([item], {"kind": kind})  # type: ignore[list-item]  # an item of a service is an Item
         return requested or self._quality.chunk_bytes(direction)
 
-    def _queue(self, transfer: SessionTransfer, paused: str) -> int:
+    def _queue(self, transfer: SessionTransfer, paused: str, unit: str) -> int:
+        transfer.unit = unit or self._unit
+        self._check_unit(transfer)
         if paused and not self.line_is_up:
             transfer.waits_for_device = True
             transfer.to(TransferState.PAUSED, paused)
         self._transfers[transfer.id] = transfer
         self._next_id += 1
         return transfer.id
+
+    def _check_unit(self, transfer: SessionTransfer) -> None:
+        if self.line_is_up and transfer.unit != self._unit:
+            raise Conflict("the transfer belongs to another unit", expected=transfer.unit, got=self._unit)
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
         """Return the data of a download (zeros for missing chunks) and the ranges of the stored chunks."""
@@ -139,12 +150,14 @@ class TransferManager:
         transfer.to(TransferState.PAUSED)
 
     def resume(self, transfer_id: int) -> None:
-        """Queue a paused, link_lost or failed transfer again. Raises Conflict in another state."""
+        """Queue a paused, link_lost or failed transfer again. Raises Conflict in another state, and if another unit is on the
+        line."""
         transfer = self.get(transfer_id)
         if transfer.state not in (TransferState.PAUSED, TransferState.LINK_LOST, TransferState.FAILED):
             raise Conflict(
                 "the transfer cannot be resumed", expected="paused, link_lost or failed", got=transfer.state.value
             )
+        self._check_unit(transfer)
         transfer.waits_for_device = False
         transfer.to(TransferState.QUEUED)
 
@@ -172,24 +185,29 @@ class TransferManager:
             if transfer.state in MOVING:
                 self._exchange.lose(transfer, "the line was lost", 0.0)
 
-    def abandon(self, reason: str) -> None:
-        """Set all transfers for the previous unit to failed after another unit has identified itself."""
-        self._exchange.out.clear()
-        self._by_session.clear()
+    def identified(self, unit: str) -> None:
+        """Set the transfers of other units to failed after the unit with this serial number has identified itself. Transfers
+        without a unit now belong to it."""
+        if self._unit not in ("", unit):
+            self._exchange.out.clear()
+            self._by_session.clear()
+        self._unit = unit
         for transfer in self._transfers.values():
-            if transfer.state not in ENDED:
+            transfer.unit = transfer.unit or unit
+            if transfer.state not in ENDED and transfer.unit != unit:
                 transfer.session = None
-                transfer.to(TransferState.FAILED, reason)
+                transfer.to(TransferState.FAILED, f"unit {unit} answered, not {transfer.unit}")
 
-    def line_back(self, now_s: float) -> None:
-        """Reopen transfers interrupted by a line loss or a restart, after the device has identified itself."""
+    def line_back(self) -> None:
+        """Reopen transfers interrupted by a line loss or a restart, after the device has identified itself and its dictionary
+        has been accepted."""
         self.line_is_up = True
         for transfer in self._transfers.values():
             if transfer.state is TransferState.PAUSED and transfer.waits_for_device:
                 transfer.waits_for_device = False
                 transfer.to(TransferState.QUEUED)
             if transfer.state is TransferState.LINK_LOST:
-                transfer.due_s = now_s
+                transfer.due_s = 0.0
 
     def device_restarted(self, now_s: float) -> None:
         """Reopen the active transfer: the device has lost its sessions, but not the stored chunks."""

@@ -86,6 +86,40 @@ def test_no_transfer_continues_on_another_unit(bench: Bench) -> None:
         assert [u.state for u in bench.updates(transfer_id)].count("opening") == (transfer_id == upload)
 
 
+def test_a_transfer_of_a_previous_server_does_not_continue_on_another_unit(bench: Bench) -> None:
+    """After a restart of the server, the transfers of a unit fail if another unit answers, and cannot be resumed on it. They
+    can be resumed when their unit is back."""
+    bench.host = HostSession(bench.dictionary)
+    fits = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1, 1991.25)
+    waiting = bench.host.transfers.start_upload("catalogue", 1, bytes(2000), fits, paused="restart", unit="SIM-0009")
+    own = bench.host.transfers.start_download("catalogue", 3, paused="restart", unit="SIM-0001")
+    bench.host.link_up(bench.now_s)
+    bench.until(lambda: bench.host.transfer(own).stored_bytes > 0)
+    end = bench.host.transfer(waiting)
+    assert (end.state, end.reason) == ("failed", "unit SIM-0001 answered, not SIM-0009")
+    for again in (
+        lambda: bench.host.transfers.resume(waiting),
+        lambda: bench.host.transfers.start_upload("catalogue", 1, bytes(2000), fits, unit="SIM-0009"),
+    ):
+        with pytest.raises(Conflict, match="another unit"):
+            again()
+    replace_unit(bench, serial="SIM-0009")
+    bench.until(lambda: bench.host.hello.serial == "SIM-0009")
+    bench.host.transfers.resume(waiting)
+    bench.until(lambda: bench.host.transfer(waiting).stored_bytes > 0)
+
+
+def test_a_transfer_starts_after_the_dictionary_was_acknowledged(bench: Bench) -> None:
+    """The unit does not have to answer HELLO again."""
+    replace_unit(bench, serial="SIM-0001", device_hash=b"\x11" * 32)
+    download = bench.host.transfers.start_download("catalogue", 3, paused="restart")
+    bench.until(lambda: not bench.host.hello.dictionary_match)
+    bench.run(1.0)
+    assert bench.host.transfer(download).state == "paused"
+    bench.host.acknowledge_mismatch()
+    bench.until(lambda: bench.host.transfer(download).stored_bytes > 0)
+
+
 def test_a_command_under_way_cannot_be_retried_on_another_unit(bench: Bench) -> None:
     """If another unit answers on an open line, the outcome of a command under way is unknown and the command cannot be retried.
     ABORT, which the new unit can have received, still ends with its report."""

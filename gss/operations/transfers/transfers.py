@@ -69,16 +69,16 @@ def prepare(row: Transfer, blobs: BlobStore, partial: HeldPart | None = None, pa
     options = row.options
     if "slot" not in options:
         raise BadInput("the transfer was started by an older version of GSS", hint="start a new transfer")
-    slot, reason = int(options["slot"]), paused or ""
+    slot, reason, unit = int(options["slot"]), paused or "", str(options.get("unit", ""))
     if row.direction == Direction.DOWN:
         part = Part(**options["part"]) if options.get("part") else None
         return lambda session: session.transfers.start_download(
-            row.kind, slot, partial=partial, part=part, paused=reason
+            row.kind, slot, partial=partial, part=part, paused=reason, unit=unit
         )
     facts = options["compatibility"]
     compatibility = Compatibility(**(facts | {"dictionary_hash": bytes.fromhex(facts["dictionary_hash"])}))
     data = blobs.get(options["content"])
-    return lambda session: session.transfers.start_upload(row.kind, slot, data, compatibility, paused=reason)
+    return lambda session: session.transfers.start_upload(row.kind, slot, data, compatibility, paused=reason, unit=unit)
 
 
 DOWNLOADS = {
@@ -250,6 +250,7 @@ class TransferService:
         links: Mapping[str, int | None],
         partial: HeldPart | None = None,
     ) -> TransferView:
+        hello = self._link.hello
         row = Transfer(
             contact_id=self._link.contact_id,
             direction=str(direction),
@@ -259,7 +260,7 @@ class TransferService:
             state="queued",
             created=self._now(),
             stored=[],
-            options=options,
+            options=options | {"unit": hello.serial if hello is not None else ""},
             log=[],
             **links,
         )
