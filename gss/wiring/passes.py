@@ -84,5 +84,5 @@ def open_passes(
         settings.auto_download,
         now,
     )
-    attitudes = AttitudeExchange(database, base.parsing, partial(spacecraft.name, base.unit.name), now)
+    attitudes = AttitudeExchange(database, base.parsing, base.unit.name, partial(spacecraft.name, base.unit.name), now)
     return Passes(spacecraft, stations, table, plans, runner, place, rehearsals, attitudes)

@@ -51,10 +51,14 @@ class AttitudeComparison:
 
 
 class AttitudeExchange:
-    """Exports and compares the attitudes of stored frames. ``name``: function that returns the object name for messages."""
+    """Exports and compares the attitudes of the unit's frames. ``instrument``: its instrument; ``name``: function that returns the
+    object name for messages."""
 
-    def __init__(self, database: Database, parsing: ParseProcesses, name: Callable[[], str], now: Now) -> None:
-        self._database, self._parsing, self._name, self._now = database, parsing, name, now
+    def __init__(
+        self, database: Database, parsing: ParseProcesses, instrument: str, name: Callable[[], str], now: Now
+    ) -> None:
+        self._database, self._parsing, self._now = database, parsing, now
+        self._instrument, self._name = instrument, name
 
     def history(self, origin: AttitudeOrigin, start: datetime, end: datetime) -> AttitudeHistory:
         """Return the attitudes of the frames exposed in a time span. ``origin`` "ground": the operational ground results. "on
@@ -111,7 +115,7 @@ class AttitudeExchange:
         if end < start:
             raise BadInput("The time span is empty", expected="a start before the end", got=f"{start} … {end}")
         with self._database.unit_of_work() as session:
-            rows = attitudes_between(session, origin, start, end, MAX_FRAMES + 1)
+            rows = attitudes_between(session, self._instrument, origin, start, end, MAX_FRAMES + 1)
         if len(rows) > MAX_FRAMES:
             raise BadInput("There are too many frames in this time", expected=f"at most {MAX_FRAMES}")
         return rows
