@@ -10,6 +10,7 @@ import argparse
 import importlib
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -58,6 +59,7 @@ COMMANDS = {
 """Module and summary of each command. A module is imported only when its command is used."""
 BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1
+NEGATIVE_LIST = re.compile(r"-[\d.]+,")
 
 
 class Commands:
@@ -96,9 +98,21 @@ def _parser_for(argv: Sequence[str]) -> argparse.ArgumentParser:
     return parser_of(COMMANDS[first][0]) if first in COMMANDS else parser_of()
 
 
+def _join_negative_lists(words: Sequence[str]) -> list[str]:
+    """Join an option and a list of numbers that begins with a minus (``--site -33.9,18.4,20``). argparse accepts a single
+    negative number as a value, but takes such a list for an option."""
+    joined: list[str] = []
+    for word in words:
+        if joined and NEGATIVE_LIST.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    words = sys.argv[1:] if argv is None else argv
+    words = _join_negative_lists(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file name or "°" must not end the command with any encoding
             stream.reconfigure(errors="backslashreplace")
@@ -111,8 +125,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError as error:
         if getattr(error, "title", "") != "Settings":
             raise
-        words = " ".join(str(error).split())
-        print(f"gss: A setting cannot be used: {words}. See docs/settings.md or gss serve --help.", file=sys.stderr)
+        problem = " ".join(str(error).split())
+        print(f"gss: A setting cannot be used: {problem}. See docs/settings.md or gss serve --help.", file=sys.stderr)
         return BAD_INPUT_EXIT
     except BrokenPipeError:
         # The reader has closed the pipe, for example `| head`. The output is redirected, because otherwise the flush at

@@ -56,6 +56,7 @@ def test_the_same_seed_gives_the_same_image(tmp_path: Path) -> None:
         (["--at", "84,5,0", "--out", "a.png", "--exposure", "0"], "Exposure is out of range"),
         (["--at", "84,5,0", "--out", "a.png", "--exposure", "1e12"], "Exposure is out of range"),
         (["--at", "84,5,0", "--out", "a.png", "--rate", "900,0,0"], "rotates too fast"),
+        (["--at", "-4,5,0", "--out", "a.png", "--rate", "-900,0,0"], "rotates too fast"),
         (["--at", "84,5,0", "--out", "a.png", "--false-stars", "-1"], "0 – 500"),
         (["--at", "84,5,0", "--out", "a.png", "--seed", "-1"], "Seed is out of range"),
     ],
