@@ -94,8 +94,8 @@ def change_password(
     if caller.kind != "session" or caller.user_id is None:
         raise Conflict("tokens have no password", hint="sign in")
     address, agent = _from(request)
-    app.accounts.accounts.sessions.check_password(caller, body.old)
-    user = app.accounts.accounts.users.set_password(caller.user_id, body.new)
+    verified_hash = app.accounts.accounts.sessions.check_password(caller, body.old)
+    user = app.accounts.accounts.users.set_password(caller.user_id, body.new, verified_hash)
     return _open(app, request, response, app.accounts.accounts.sessions.begin(user, address=address, agent=agent))
 
 

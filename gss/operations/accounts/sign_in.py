@@ -79,14 +79,16 @@ class SignInService:
             self.sign_out(old_key)
         return self._begin(row.id, verified_hash, address, agent)
 
-    def check_password(self, caller: CallerIdentity, password: str) -> None:
-        """Raise NotPermitted if the password is not the caller's password. The number of attempts is limited per user."""
+    def check_password(self, caller: CallerIdentity, password: str) -> str:
+        """Return the hash of the caller's password. Raises NotPermitted if it has another one. The number of attempts is limited
+        per user."""
         row = self._named(caller.name)
         keys = [(f"own password of {caller.user_id}", BY_NAME)]
         self._attempts.begin(keys)
-        if not self._passwords.verify(row.password_hash if row else "", password):
+        if not self._passwords.verify(row.password_hash if row else "", password) or row is None:
             raise NotPermitted("wrong current password", hint="try again, or ask an admin for a password link")
         self._attempts.passed(keys)
+        return row.password_hash
 
     def begin(self, user: User, *, address: str, agent: str = "") -> NewSession:
         """Start a session with a new key for a user who has just set this password. Raises NotSignedIn if the password

@@ -165,10 +165,16 @@ class UserService:
         self._changed()
         return row
 
-    def set_password(self, user_id: int, password: str) -> User:
-        """Set a new password. All sessions of the user end, and the password links of the user become invalid."""
+    def set_password(self, user_id: int, password: str, verified_hash: str | None = None) -> User:
+        """Set a new password. All sessions of the user end, and the password links of the user become invalid.
+
+        ``verified_hash``: hash of the password that the user has entered to change it. Raises NotPermitted if the password
+        has been changed since.
+        """
         hashed = self._hashed(password, self.get(user_id).name)
         with self._database.unit_of_work() as session:
+            if verified_hash is not None and not store.replace_hash(session, user_id, verified_hash, hashed):
+                raise NotPermitted("the password was changed meanwhile", hint="sign in again")
             row = self._store_password(session, user_id, hashed)
         self._changed()
         return row

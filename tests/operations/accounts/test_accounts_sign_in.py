@@ -373,6 +373,18 @@ def test_a_sign_in_in_progress_does_not_survive_a_password_change(accounts, data
     assert sign_in(interrupted, "ben", new).caller.name == "ben"
 
 
+def test_a_password_change_in_progress_does_not_replace_a_newer_password(accounts, database, clock, seconds):
+    """If an admin's password link sets another password while the old one is verified, the change of the user is rejected."""
+    passwords = InterruptedPasswords(1, 8)
+    interrupted = AccountService(database, clock, seconds, passwords, LIVES)
+    caller, new = sign_in(interrupted).caller, "vega above the hills"
+    passwords.then = lambda: accounts.users.set_password(caller.user_id, new)
+    verified_hash = interrupted.sessions.check_password(caller, PASSWORD)
+    with pytest.raises(NotPermitted, match="changed meanwhile"):
+        interrupted.users.set_password(caller.user_id, "altair over the sea", verified_hash)
+    assert sign_in(interrupted, password=new).caller.name == "ann"
+
+
 def test_two_sign_ins_at_once_can_both_replace_a_cheap_hash(accounts, database, clock, seconds):
     """A user whose hash is replaced by another sign-in at the same time is signed in."""
     passwords = InterruptedPasswords(2, 16)
