@@ -120,10 +120,11 @@ class DaskExecutor:
 
         without_worker_s, last_s = 0.0, time.monotonic()
         while True:
+            finished = future.done()
             try:
                 return future.result(timeout=LOOK_S)
             except Late:
-                if future.done() and future.status == "error":  # the work raised this error
+                if finished:  # the work raised this error
                     raise
             except KilledWorker as error:
                 raise GssError(
