@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli import instruments, records, upkeep
+from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -55,9 +56,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     instrument = instruments.chosen(arguments)
     dictionary = instrument.dictionary
-    signer = packet_signer(arguments.keys, utc_us) if arguments.keys else None
     if not dictionary.services:  # the interface document covers only the shared protocol
+        if arguments.keys:
+            raise BadInput("the protocol of this instrument has no link keys", got=f"--keys with {instrument.name}")
         return _run_declared(arguments, instrument)
+    signer = packet_signer(arguments.keys, utc_us) if arguments.keys else None
     with probing(arguments.device, dictionary, monotonic_s, signer) as probe:
         findings = check_device(probe, write=arguments.write, on_part=_show_part)
         facts = findings.plain(probe.device.hello, dictionary.hash_hex)

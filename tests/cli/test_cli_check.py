@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from gss.cli import main
 from gss.cli.check import _print
 from gss.operations.checks.check_findings import Findings
 
@@ -28,3 +29,12 @@ def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pyt
     assert "NOT RESTORED: mode is tracking, was standby" in lines
     assert lines[-2].startswith("3 packets were damaged")
     assert lines[-1] == "2 test cases, 1 failed; failed clauses: 1"
+
+
+def test_link_keys_are_refused_for_a_protocol_without_them(capsys: pytest.CaptureFixture[str]) -> None:
+    """The packets of a third-party sensor cannot be signed."""
+    assert (
+        main(["check", "device", "--device", "socket://127.0.0.1:1", "--instrument", "sagitta", "--keys", "k.json"])
+        == 2
+    )
+    assert "has no link keys" in capsys.readouterr().err
