@@ -184,3 +184,11 @@ def make_console(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[C
     yield make
     for console in made:
         console.stop()
+
+
+@pytest.fixture
+def console(make_console: Callable[..., OperatorConsole]) -> OperatorConsole:
+    """Operator console whose sensor has sent housekeeping."""
+    new_console = make_console()
+    new_console.wait(lambda: new_console.telemetry.newest_values("housekeeping") is not None)
+    return new_console

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
 
@@ -15,14 +14,6 @@ from gss.store.commands import Filter
 pytestmark = pytest.mark.timeout(180)
 IMAGE = "# Image\n\n## image: Take an image\n\n```command\nTAKE_IMAGE\n```\n"
 STATUS = "# Status\n\n## status: Ask\n\n```command\nGET_STATUS\n```\n"
-
-
-@pytest.fixture
-def console(make_console: Callable[..., Any]) -> Any:
-    """Operator console whose sensor has sent housekeeping."""
-    console = make_console()
-    console.wait(lambda: console.telemetry.newest_values("housekeeping") is not None)
-    return console
 
 
 def begin(console: Any, text: str, **how: Any) -> Any:

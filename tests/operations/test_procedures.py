@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
 
@@ -40,14 +39,6 @@ GOOD = procedure(
     ("second", fence("hold", "The unit may be commanded.")),
     ("signed", fence("sign", "Complete.")),
 )
-
-
-@pytest.fixture
-def console(make_console: Callable[..., Any]) -> Any:
-    """Operator console whose sensor has sent housekeeping."""
-    console = make_console()
-    console.wait(lambda: console.telemetry.newest_values("housekeeping") is not None)
-    return console
 
 
 def begin(console: Any, text: str, **how: Any) -> Any:
