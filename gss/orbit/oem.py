@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,10 +13,16 @@ from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.orbit.omm import omm_epoch
-from gss.orbit.trajectory import EphemerisTrajectory, Trajectory, teme_from_fixed, unix_s
+from gss.orbit.trajectory import EphemerisSegment, EphemerisTrajectory, Trajectory, teme_from_fixed, unix_s
 
 MAX_STATES = 50_000
 MIN_STATES = 4
+MAX_ERROR_KM = 1.0
+"""Maximum error of an interpolated position: the error of a TLE at its epoch. Permits steps of 8 min in low orbits."""
+EARLIEST_S, LATEST_S = -6e10, 2.5e11
+"""Range of Unix seconds that a date can represent in every time scale."""
+MARGIN_S = 1.0
+"""Time between the limits of a time span and the first and last exported state, for the calculation of velocities."""
 MATRIX_EVERY_S = 3600.0
 """Time for which one rotation matrix is used. The axes of date rotate by 0.006″ in this time."""
 INERTIAL = ("ICRF", "GCRF", "EME2000")
@@ -44,31 +51,53 @@ def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
             raise BadInput(f"line {line} of the OEM is not valid", expected="a META block", got=statement[:60])
     if not blocks:
         raise BadInput("the OEM has no ephemeris", expected="META_START, META_STOP and states", got="no META block")
-    times_s = np.array([state[0] for _, states in blocks for state in states])
-    if not MIN_STATES <= len(times_s) <= MAX_STATES:
+    count = sum(len(states) for _, states in blocks)
+    if not MIN_STATES <= count <= MAX_STATES:
         raise BadInput(
-            "the OEM has an unusable number of states",
-            expected=f"{MIN_STATES} to {MAX_STATES}",
-            got=str(len(times_s)),
+            "the OEM has an unusable number of states", expected=f"{MIN_STATES} to {MAX_STATES}", got=str(count)
         )
-    if not (np.diff(times_s) > 0).all():
+    segments = tuple(_segment(np.array(states), m["REF_FRAME"]) for m, states in blocks if states)
+    in_segments = all((np.diff(segment.times_s) > 0).all() for segment in segments)
+    # Consecutive segments can contain the same time at their boundary.
+    if not in_segments or any(b.times_s[0] < a.times_s[-1] for a, b in pairwise(segments)):
         raise BadInput(
             "the states of the OEM are not in order of time", expected="times that increase from line to line"
         )
-    positions = [_teme(np.array(states), m["REF_FRAME"]) for m, states in blocks if states]
-    return name, EphemerisTrajectory(times_s, np.concatenate(positions))
+    return name, EphemerisTrajectory(segments)
+
+
+def check_steps(orbit: EphemerisTrajectory) -> None:
+    """Raise BadInput if the states of a segment are too far apart, or too few, for interpolation."""
+    error_km, worst = max(((s.error_km, s) for s in orbit.segments), key=lambda pair: pair[0])
+    if error_km > MAX_ERROR_KM:
+        raise BadInput(
+            "the states of the OEM are too far apart for interpolation",
+            expected=f"an error of at most {MAX_ERROR_KM:g} km between two states",
+            got=f"about {error_km:.3g} km with {len(worst.times_s)} states and steps of up to {np.diff(worst.times_s).max():g} s",
+            hint="Export the ephemeris with smaller steps.",
+        )
 
 
 def oem_of(
     name: str, orbit: Trajectory, start: datetime, end: datetime, step_s: float, created: datetime
 ) -> Iterator[str]:
-    """Yield the lines of an OEM in ICRF and UTC. Raises BadInput if a time is outside the validity of the orbit."""
-    times_s = np.arange(unix_s(start), unix_s(end) + 1e-3, step_s)
+    """Yield the lines of an OEM in ICRF and UTC with one segment per time span of the orbit. The times are whole milliseconds.
+    Raises BadInput if the orbit is not valid between ``start`` and ``end``."""
+    spans = [(max(a + MARGIN_S, unix_s(start)), min(b - MARGIN_S, unix_s(end))) for a, b in orbit.spans]
+    spans = [(first_s, last_s) for first_s, last_s in spans if first_s <= last_s]
+    if not spans:
+        orbit.teme_km(np.array([unix_s(start)]))  # raises the error that names the valid span
+    yield f"CCSDS_OEM_VERS = 2.0\nCREATION_DATE = {created:%Y-%m-%dT%H:%M:%S}\nORIGINATOR = GSS\n"
+    for first_s, last_s in spans:
+        yield from _segment_lines(name, orbit, np.arange(round(first_s, 3), last_s + 1e-3, step_s), step_s)
+
+
+def _segment_lines(name: str, orbit: Trajectory, times_s: Array, step_s: float) -> Iterator[str]:
+    """Yield the lines of a segment with states at (n,) Unix seconds."""
     knots_s = np.concatenate([times_s - 0.5, times_s, times_s + 0.5])
     teme = orbit.teme_km(knots_s).reshape(3, -1, 3)
     first, last = (f"{datetime.fromtimestamp(t, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] for t in (times_s[0], times_s[-1]))
-    yield "CCSDS_OEM_VERS = 2.0\n"
-    yield f"CREATION_DATE = {created:%Y-%m-%dT%H:%M:%S}\nORIGINATOR = GSS\n\nMETA_START\n"
+    yield "\nMETA_START\n"
     yield f"OBJECT_NAME = {name}\nOBJECT_ID = {name}\nCENTER_NAME = EARTH\nREF_FRAME = ICRF\nTIME_SYSTEM = UTC\n"
     yield f"START_TIME = {first}\nSTOP_TIME = {last}\nMETA_STOP\n\n"
     for k, at_s in enumerate(times_s):
@@ -116,7 +145,15 @@ def _state(line: int, statement: str, system: str) -> tuple[float, ...]:
         raise BadInput(
             f"line {line} of the OEM is not a state", expected="time x y z vx vy vz, in km", got=statement[:80]
         )
-    return unix_s(omm_epoch(parts[0])) - BEHIND_UTC_S[system.upper()], *numbers[:3]
+    at_s = unix_s(omm_epoch(parts[0])) - BEHIND_UTC_S[system.upper()]
+    if not EARLIEST_S < at_s < LATEST_S:
+        raise BadInput(f"the time in line {line} of the OEM is out of range", got=parts[0][:40])
+    return at_s, *numbers[:3]
+
+
+def _segment(states: Array, frame: str) -> EphemerisSegment:
+    """Return a segment of (n, 4) states (time, position) in a frame."""
+    return EphemerisSegment(states[:, 0], _teme(states, frame))
 
 
 def _teme(states: Array, frame: str) -> Array:

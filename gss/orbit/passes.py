@@ -71,11 +71,17 @@ class NextPass:
 
 def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end: datetime) -> list[OrbitPass]:
     """Return the passes that begin or are in progress in the time span, in order of rise. If a high part of the horizon mask
-    interrupts a pass, it is returned as two passes. Raises BadInput if the orbit is not valid in the time span."""
-    first_s, last_s = max(unix_s(start), unix_s(orbit.start)), min(unix_s(end), unix_s(orbit.end))
-    if last_s <= first_s:
+    or a gap of an ephemeris interrupts a pass, it is returned as two passes. Raises BadInput if the orbit is not valid in the
+    time span."""
+    spans = [(max(unix_s(start), first_s), min(unix_s(end), last_s)) for first_s, last_s in orbit.spans]
+    spans = [(first_s, last_s) for first_s, last_s in spans if first_s < last_s]
+    if not spans:
         orbit.teme_km(np.array([unix_s(start)]))  # raises the error that names the valid span
-        return []
+    return [at for first_s, last_s in spans for at in _passes_of_span(orbit, station, first_s, last_s)]
+
+
+def _passes_of_span(orbit: Trajectory, station: GroundStation, first_s: float, last_s: float) -> list[OrbitPass]:
+    """Return the passes between two Unix seconds between which the orbit has no gap."""
 
     def clearance(seconds: Array) -> Array:
         azimuth, elevation, _ = station.look(earth_fixed_km(orbit, seconds))

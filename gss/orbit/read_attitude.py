@@ -14,15 +14,13 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import quaternion_inverse
 from gss.orbit.attitude import AttitudeHistory
-from gss.orbit.oem import BEHIND_UTC_S, INERTIAL
+from gss.orbit.oem import BEHIND_UTC_S, EARLIEST_S, INERTIAL, LATEST_S
 from gss.orbit.omm import omm_epoch
 from gss.orbit.trajectory import unix_s
 
 MAX_ATTITUDES = 200_000
 MAX_NAME_LENGTH = 80
 UNIT_LENGTH = 1e-3
-EARLIEST_S, LATEST_S = -6e10, 2.5e11
-"""Range of Unix seconds that a date can represent."""
 BLOCKS = ("META", "DATA", "ATT", "COV", "PHYS", "MAN", "AD", "USER")
 STATED_TYPE = ("ATTITUDE_TYPE", "ATT_TYPE")
 

@@ -10,9 +10,9 @@ from datetime import datetime
 from typing import Literal
 
 from gss.domain.errors import BadInput
-from gss.orbit.oem import read_oem
+from gss.orbit.oem import check_steps, read_oem
 from gss.orbit.omm import fields_of_json, fields_of_kvn, fields_of_xml, tle_of_omm
-from gss.orbit.trajectory import TleTrajectory, Trajectory
+from gss.orbit.trajectory import TleTrajectory, Trajectory, covers
 
 MAX_CHARACTERS = 900_000
 MAX_NAME_LENGTH = 80
@@ -49,6 +49,7 @@ def read_orbit(text: str) -> ReadOrbit:
         return _omm("OMM KVN", fields_of_kvn(content))
     if content.startswith("CCSDS_OEM_VERS"):
         name, orbit = read_oem(content)
+        check_steps(orbit)
         return ReadOrbit("oem", "OEM KVN", name[:MAX_NAME_LENGTH], content + "\n", orbit)
     return _tle("TLE", content)
 
@@ -67,7 +68,7 @@ def read_orbits(text: str) -> list[Trajectory]:
 
 def orbit_covering(orbits: Sequence[Trajectory], time: datetime) -> Trajectory | None:
     """Return the orbit that is valid at ``time`` and has the nearest epoch, None if there is none."""
-    covering = [o for o in orbits if o.start <= time <= o.end]
+    covering = [o for o in orbits if covers(o, time)]
     return min(covering, key=lambda o: abs(o.epoch - time), default=None)
 
 

@@ -7,6 +7,7 @@ zero (error below 0.6″). The resulting error of a rise or set is at most 0.1 s
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Protocol
@@ -18,7 +19,7 @@ from sgp4.conveniences import sat_epoch_datetime
 
 from gss.catalogue_tools.corrections.ephemeris import bodies_at, teme_from_icrs
 from gss.catalogue_tools.envelope.orbits import SGP4_WORDS, TLE_VALID_BEFORE_DAYS, TLE_VALID_DAYS, jyear_of, read_tle
-from gss.domain.angles import Array
+from gss.domain.angles import Array, separation_rad
 from gss.domain.errors import BadInput
 
 UNIX_EPOCH_JD = 2440587.5
@@ -27,9 +28,13 @@ EPHEMERIS_POINTS = 8
 """Number of points of a Lagrange interpolation: the usual number for CCSDS OEM files with steps of one minute."""
 
 
+Spans = tuple[tuple[float, float], ...]
+"""Time spans as first and last Unix seconds, in order of time and separated by gaps."""
+
+
 class Trajectory(Protocol):
-    """Positions of a spacecraft over time. ``epoch``: epoch of the elements, or time of the first state of an ephemeris. ``start``,
-    ``end``: time span in which positions are defined."""
+    """Positions of a spacecraft over time. ``epoch``: epoch of the elements, or time of the first state of an ephemeris. ``spans``:
+    time spans in which positions are defined. ``start``, ``end``: limits of the first and last span."""
 
     @property
     def epoch(self) -> datetime: ...
@@ -37,9 +42,11 @@ class Trajectory(Protocol):
     def start(self) -> datetime: ...
     @property
     def end(self) -> datetime: ...
+    @property
+    def spans(self) -> Spans: ...
 
     def teme_km(self, unix_s: Array) -> Array:
-        """Return (n, 3) positions from the Earth's centre at (n,) Unix seconds. Raises BadInput outside the time span."""
+        """Return (n, 3) positions from the Earth's centre at (n,) Unix seconds. Raises BadInput outside the time spans."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,11 @@ class TleTrajectory:
         satellite = read_tle(text)
         epoch = sat_epoch_datetime(satellite).astimezone(UTC)
         return cls(satellite, epoch, *(_moment(unix_s(epoch) + days * DAY_S) for days in VALID_DAYS))
+
+    @property
+    def spans(self) -> Spans:
+        """The validity of the elements."""
+        return ((unix_s(self.start), unix_s(self.end)),)
 
     def teme_km(self, unix_s: Array) -> Array:
         """Return (n, 3) positions at (n,) Unix seconds by SGP4. Raises BadInput outside the time span."""
@@ -79,32 +91,15 @@ VALID_DAYS = (-TLE_VALID_BEFORE_DAYS, TLE_VALID_DAYS)
 
 
 @dataclass(frozen=True)
-class EphemerisTrajectory:
-    """Orbit from an ephemeris of states. ``times_s``: (n,) Unix seconds, increasing. ``places_km``: (n, 3) positions in TEME."""
+class EphemerisSegment:
+    """States of an ephemeris between which positions are interpolated. ``times_s``: (n,) Unix seconds, increasing. ``places_km``:
+    (n, 3) positions in TEME."""
 
     times_s: Array
     places_km: Array
 
-    @property
-    def epoch(self) -> datetime:
-        """Time of the first state."""
-        return self.start
-
-    @property
-    def start(self) -> datetime:
-        """Time of the first state."""
-        return _moment(float(self.times_s[0]))
-
-    @property
-    def end(self) -> datetime:
-        """Time of the last state."""
-        return _moment(float(self.times_s[-1]))
-
-    def teme_km(self, unix_s: Array) -> Array:
-        """Return (n, 3) positions at (n,) Unix seconds by Lagrange interpolation through the nearest states. Raises BadInput
-        outside the time span."""
-        seconds = np.asarray(unix_s, float)
-        _check_span(seconds, self.start, self.end)
+    def teme_km(self, seconds: Array) -> Array:
+        """Return (n, 3) positions at (n,) Unix seconds by Lagrange interpolation through the nearest states."""
         points = min(EPHEMERIS_POINTS, len(self.times_s))
         first = np.searchsorted(self.times_s, seconds) - points // 2
         index = np.clip(first, 0, len(self.times_s) - points)[:, None] + np.arange(points)
@@ -115,6 +110,74 @@ class EphemerisTrajectory:
                 if j != k:
                     weights[:, j] *= (seconds - knots_s[:, k]) / (knots_s[:, j] - knots_s[:, k])
         return np.asarray(np.einsum("nk,nki->ni", weights, places_km))
+
+    @property
+    def error_km(self) -> float:
+        """Largest error of an interpolated position: the remainder of the interpolation of a circular motion in the first or last
+        interval, with the largest angle between two states and the largest distance from the Earth's centre."""
+        n = min(EPHEMERIS_POINTS, len(self.times_s))
+        if n == 1:
+            return 0.0
+        range_km = np.linalg.norm(self.places_km, axis=1)
+        step_rad = separation_rad(self.places_km[1:], self.places_km[:-1]).max()
+        return float(range_km.max() * math.prod(abs(k - 0.5) / (k + 1) for k in range(n)) * step_rad**n)
+
+
+@dataclass(frozen=True)
+class EphemerisTrajectory:
+    """Orbit from an ephemeris of states. ``segments``: in order of time. A segment can start at the last time of the previous one.
+    Positions are not defined in the gaps between segments."""
+
+    segments: tuple[EphemerisSegment, ...]
+
+    @property
+    def epoch(self) -> datetime:
+        """Time of the first state."""
+        return self.start
+
+    @property
+    def start(self) -> datetime:
+        """Time of the first state."""
+        return _moment(self.spans[0][0])
+
+    @property
+    def end(self) -> datetime:
+        """Time of the last state."""
+        return _moment(self.spans[-1][1])
+
+    @property
+    def spans(self) -> Spans:
+        """First and last times of the segments; segments without a gap are one span."""
+        spans: list[tuple[float, float]] = []
+        for segment in self.segments:
+            first_s, last_s = float(segment.times_s[0]), float(segment.times_s[-1])
+            if spans and spans[-1][1] == first_s:
+                first_s = spans.pop()[0]
+            spans.append((first_s, last_s))
+        return tuple(spans)
+
+    def teme_km(self, unix_s: Array) -> Array:
+        """Return (n, 3) positions at (n,) Unix seconds by interpolation inside one segment. Raises BadInput outside them."""
+        seconds = np.asarray(unix_s, float)
+        _check_span(seconds, self.start, self.end)
+        places_km = np.full((len(seconds), 3), np.nan)
+        for segment in self.segments:
+            inside = np.flatnonzero((seconds >= segment.times_s[0]) & (seconds <= segment.times_s[-1]))
+            places_km[inside] = segment.teme_km(seconds[inside])
+        missing_s = seconds[np.isnan(places_km[:, 0])]
+        if len(missing_s):
+            raise BadInput(
+                "the time is in a gap of the ephemeris",
+                expected="a time inside a segment",
+                got=f"{_moment(float(missing_s[0])):%Y-%m-%d %H:%M} UTC",
+                hint="Import an ephemeris without this gap.",
+            )
+        return places_km
+
+
+def covers(orbit: Trajectory, moment: datetime) -> bool:
+    """True if the position is defined at a time with a time zone."""
+    return any(first_s <= unix_s(moment) <= last_s for first_s, last_s in orbit.spans)
 
 
 def earth_fixed_km(orbit: Trajectory, unix_s: Array) -> Array:

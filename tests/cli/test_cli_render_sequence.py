@@ -22,7 +22,7 @@ from gss.operations.frames.frame_files import read_frame
 from gss.operations.frames.rendered_sequence import constant_rate, earth_pointing, moments_of
 from gss.orbit.attitude import AttitudeHistory
 from gss.orbit.read_orbit import read_orbit
-from gss.orbit.trajectory import EphemerisTrajectory
+from gss.orbit.trajectory import EphemerisSegment, EphemerisTrajectory
 from gss.orbit.write_attitude import aem_of
 
 TLE = (
@@ -139,7 +139,7 @@ def test_an_ephemeris_gives_attitudes_from_its_first_to_its_last_state() -> None
     """The first and last state of an OEM have an attitude and a rate. Later times have none."""
     orbit = read_orbit(TLE).orbit
     seconds = orbit.epoch.timestamp() + 60.0 * np.arange(12)
-    ephemeris = EphemerisTrajectory(seconds, orbit.teme_km(seconds))
+    ephemeris = EphemerisTrajectory((EphemerisSegment(seconds, orbit.teme_km(seconds)),))
     moments = moments_of(earth_pointing(ephemeris), ephemeris.start, 660.0, 2, 0.3)
     expected = moments_of(earth_pointing(orbit), orbit.epoch, 660.0, 2, 0.3)
     for moment, other in zip(moments, expected, strict=True):

@@ -12,7 +12,9 @@ from astropy.time import Time
 from gss.domain.errors import BadInput
 from gss.orbit.oem import oem_of
 from gss.orbit.omm import omm_of_tle
-from gss.orbit.read_orbit import read_orbit, stored_orbit
+from gss.orbit.passes import find_passes
+from gss.orbit.read_orbit import orbit_covering, read_orbit, stored_orbit
+from gss.orbit.station import GroundStation
 from gss.orbit.trajectory import TleTrajectory, fixed_from_teme, icrs_km
 
 TLE = """ISS (ZARYA)
@@ -70,6 +72,60 @@ def test_an_oem_restores_the_sampled_orbit(frame: str) -> None:
         read.orbit.teme_km(np.array([START.timestamp() - 1]))
 
 
+def oem_with_segments(*spans_min: tuple[float, float], step_s: float = 60.0) -> str:
+    """Return an OEM with one segment for each span, in minutes after ``START``."""
+    orbit = TleTrajectory.of(TLE)
+    parts = [
+        list(oem_of("ISS", orbit, START + timedelta(minutes=a), START + timedelta(minutes=b), step_s, START))
+        for a, b in spans_min
+    ]
+    return parts[0][0] + "".join(line for part in parts for line in part[1:])
+
+
+def test_an_oem_is_not_interpolated_between_its_segments() -> None:
+    """In a gap between two segments there is no position, no pass and no valid orbit. The export has the same segments."""
+    read, expected = read_orbit(oem_with_segments((0, 60), (1440, 1500))), TleTrajectory.of(TLE)
+    in_gap = START + timedelta(hours=12)
+    with pytest.raises(BadInput, match="in a gap of the ephemeris"):
+        read.orbit.teme_km(np.array([START.timestamp() + 60, in_gap.timestamp()]))
+    assert orbit_covering([read.orbit], in_gap) is None
+    assert orbit_covering([read.orbit], START + timedelta(minutes=1470)) is read.orbit
+    station, end = GroundStation("roof", -0.6, 0.3, 100.0), START + timedelta(minutes=1500)
+    passes, all_passes = (find_passes(orbit, station, START, end) for orbit in (read.orbit, expected))
+    assert 0 < len(passes) < len(all_passes)
+    for found in passes:
+        assert min(abs(found.culmination - p.culmination) for p in all_passes) < timedelta(seconds=1)
+    exported = "".join(oem_of("ISS", read.orbit, START, end, 60.0, START))
+    assert exported.count("META_START") == 2
+    assert read_orbit(exported).orbit.end == end - timedelta(seconds=60 - 1)
+
+
+def test_segments_can_share_the_time_of_their_boundary() -> None:
+    """Two segments with the same time at their boundary are one time span."""
+    read, expected = read_orbit(oem_with_segments((0, 60), (60, 120))), TleTrajectory.of(TLE)
+    assert read.orbit.spans == ((START.timestamp(), START.timestamp() + 7200),)
+    times_s = START.timestamp() + np.arange(0, 7201, 50.0)
+    assert np.abs(read.orbit.teme_km(times_s) - expected.teme_km(times_s)).max() < 0.02
+
+
+def test_states_that_are_too_far_apart_are_rejected() -> None:
+    """Steps of 8 min in low orbit give an error below 1 km. Larger steps and segments of two states are rejected."""
+    read, expected = read_orbit(oem_with_segments((0, 600), step_s=480.0)), TleTrajectory.of(TLE)
+    times_s = START.timestamp() + np.arange(0, 35_521, 50.0)
+    assert np.linalg.norm(read.orbit.teme_km(times_s) - expected.teme_km(times_s), axis=1).max() < 1.0
+    for text in (oem_with_segments((0, 600), step_s=600.0), oem_with_segments((0, 60), (60, 61))):
+        with pytest.raises(BadInput, match="too far apart"):
+            read_orbit(text)
+
+
+def test_an_exported_time_is_the_time_of_its_position() -> None:
+    """An export that starts at a fraction of a millisecond agrees with the orbit within 1 m."""
+    orbit, start = TleTrajectory.of(TLE), START + timedelta(microseconds=999)
+    read = read_orbit("".join(oem_of("ISS", orbit, start, start + timedelta(hours=2), 60.0, start)))
+    times_s = START.timestamp() + np.arange(60, 7000, 77.0)
+    assert np.abs(read.orbit.teme_km(times_s) - orbit.teme_km(times_s)).max() < 1e-3
+
+
 def test_the_position_agrees_with_astropy() -> None:
     """The position in celestial axes agrees with astropy within 50 m."""
     orbit, time_utc = TleTrajectory.of(TLE), START + timedelta(hours=5)
@@ -98,6 +154,9 @@ HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START
         (json.dumps({**FIELDS, "REF_FRAME": "ICRF"}), "REF_FRAME"),
         (json.dumps({**FIELDS, "EPOCH": "yesterday"}), "a time of the file"),
         (json.dumps({**FIELDS, "NORAD_CAT_ID": 999_999_999}), "NORAD_CAT_ID"),
+        (json.dumps({**FIELDS, "NORAD_CAT_ID": "9" * 5000}), "NORAD_CAT_ID"),
+        (json.dumps({**FIELDS, "EPOCH": "2060-01-01T00:00:00"}), "EPOCH"),
+        (json.dumps({**FIELDS, "EPOCH": "1950-01-01T00:00:00"}), "EPOCH"),
         (json.dumps({**FIELDS, "MEAN_MOTION": -3}), "orbit|TLE"),
         (json.dumps({**FIELDS, "ECCENTRICITY": 7}), "orbit|TLE"),
         (json.dumps({k: v for k, v in FIELDS.items() if k != "INCLINATION"}), "INCLINATION"),
@@ -108,6 +167,7 @@ HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START
         (HEAD + STATE, "number of states"),
         (HEAD + STATE * 5, "in order of time"),
         (HEAD + "x y z\n", "is not a state"),
+        (HEAD.replace("= UTC", "= TT") + STATE.replace("2019-12-10", "0001-01-01"), "time in line"),
         (HEAD.replace("EARTH", "MARS"), "CENTER_NAME"),
         (HEAD.replace("= ICRF", "= LVLH"), "REF_FRAME"),
         (HEAD.replace("= UTC", "= MET"), "TIME_SYSTEM"),

@@ -52,10 +52,9 @@ def along_history(history: AttitudeHistory) -> Motion:
 
 def earth_pointing(orbit: Trajectory) -> Motion:
     """Return the motion of a camera that points to the zenith of its orbit, with +x along the velocity. Its attitude is not
-    known outside the time span of the orbit."""
-    first_s, last_s = unix_s(orbit.start), unix_s(orbit.end)
+    known outside the time spans of the orbit."""
 
-    def pointing(times_s: Array) -> Array:
+    def pointing(times_s: Array, first_s: float, last_s: float) -> Array:
         places, before, after = (
             orbit.teme_km(np.clip(times_s + step, first_s, last_s)) for step in (0.0, -RATE_STEP_S, RATE_STEP_S)
         )
@@ -69,9 +68,10 @@ def earth_pointing(orbit: Trajectory) -> Motion:
 
     def motion(times_s: Array) -> Array:
         quaternions = np.full((len(times_s), 4), np.nan)
-        inside = np.flatnonzero((times_s >= first_s) & (times_s <= last_s))
-        if len(inside):
-            quaternions[inside] = pointing(times_s[inside])
+        for first_s, last_s in orbit.spans:
+            inside = np.flatnonzero((times_s >= first_s) & (times_s <= last_s))
+            if len(inside):
+                quaternions[inside] = pointing(times_s[inside], first_s, last_s)
         return quaternions
 
     return motion

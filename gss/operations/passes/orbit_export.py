@@ -24,6 +24,5 @@ def omm_fields(current: CurrentOrbit) -> dict[str, object]:
 def oem_file(current: CurrentOrbit, start: datetime, days: float) -> Iterator[str]:
     """Yield the lines of an OEM that begins at ``start`` and covers ``days``, limited to the validity of the orbit. Raises
     BadInput if the validity has ended."""
-    first = max(start, current.orbit.start + timedelta(seconds=1))
-    last = min(first + timedelta(days=days), current.orbit.end - timedelta(seconds=1))
-    return oem_of(current.row.spacecraft, current.orbit, first, max(first, last), STEP_S, start)
+    first = max(start, current.orbit.start)
+    return oem_of(current.row.spacecraft, current.orbit, first, first + timedelta(days=days), STEP_S, start)

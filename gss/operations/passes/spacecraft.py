@@ -11,7 +11,7 @@ from gss.domain.errors import BadInput, Conflict
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.orbit.read_orbit import ReadOrbit, read_orbit, stored_orbit
-from gss.orbit.trajectory import Trajectory
+from gss.orbit.trajectory import Trajectory, covers
 from gss.store import passes as store
 from gss.store.engine import Database
 from gss.store.models import OrbitSet
@@ -82,13 +82,13 @@ class SpacecraftService:
         if not rows:
             return None
         newest = self._orbit(rows[0])
-        if newest.start <= moment <= newest.end:
+        if covers(newest, moment):
             return rows[0].spacecraft, newest
         with self._database.unit_of_work() as session:
             earlier = store.nearest_orbits(session, rows[0].spacecraft, moment, NEAREST)
         for row in earlier:
             orbit = stored_orbit("tle" if row.kind == "tle" else "oem", row.text)
-            if orbit.start <= moment <= orbit.end:
+            if covers(orbit, moment):
                 return row.spacecraft, orbit
         return None
 
