@@ -44,6 +44,9 @@ WHOLE = ("EPHEMERIS_TYPE", "ELEMENT_SET_NO", "REV_AT_EPOCH", "NORAD_CAT_ID")
 MAX_FIELDS = 200
 MAX_NUMBER = 339_999
 """Largest catalogue number that a TLE can represent (Alpha-5)."""
+MAX_DIGITS = 20
+FIRST_YEAR, LAST_YEAR = 1957, 2056
+"""Years that a TLE can represent with two digits."""
 
 
 def fields_of_json(content: object) -> dict[str, str]:
@@ -104,13 +107,19 @@ def tle_of_omm(fields: Mapping[str, str]) -> str:
     for name in ("MEAN_MOTION_DOT", "MEAN_MOTION_DDOT", "BSTAR"):
         _number(name, complete[name])
     for name in WHOLE:
-        if not complete[name].isdecimal() or int(complete[name]) > MAX_NUMBER:
+        digits = complete[name]
+        if not digits.isdecimal() or len(digits) > MAX_DIGITS or int(digits) > MAX_NUMBER:
             raise BadInput(f"{name} of the OMM is out of range", expected=f"0 to {MAX_NUMBER}", got=complete[name][:40])
     for name in ("CLASSIFICATION_TYPE", "OBJECT_ID"):
         if not complete[name].isascii():
             raise BadInput(f"{name} of the OMM is not valid", expected="ASCII characters", got=complete[name][:40])
+    epoch = omm_epoch(complete.get("EPOCH", ""))
+    if not FIRST_YEAR <= epoch.year <= LAST_YEAR:
+        raise BadInput(
+            "EPOCH of the OMM is out of range", expected=f"years {FIRST_YEAR} to {LAST_YEAR}", got=str(epoch.year)
+        )
     complete |= {
-        "EPOCH": omm_epoch(complete.get("EPOCH", "")).strftime("%Y-%m-%dT%H:%M:%S.%f"),
+        "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f"),
         "CLASSIFICATION_TYPE": complete["CLASSIFICATION_TYPE"][:1],
         "OBJECT_ID": complete["OBJECT_ID"][:11],
         "REV_AT_EPOCH": str(int(complete["REV_AT_EPOCH"]) % 100_000),
