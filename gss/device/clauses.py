@@ -336,6 +336,12 @@ CLAUSES: tuple[Clause, ...] = (
         "writes flash: only with --write",
     ),
     Clause(
+        "6.25",
+        "While a command erases a bank or table or reads it back (ERASE, VERIFY, ACTIVATE), an OPEN_UPLOAD into it is "
+        "rejected (`busy`). ERASE of a bank or table with an open upload fails (`busy`).",
+        "needs commands of long duration",
+    ),
+    Clause(
         "7.1",
         "Images are rows from top to bottom; a pixel has one byte up to eight bits, otherwise two bytes, high byte "
         "first. If the detector has dark columns, each row of a captured whole image has them in the order of the read-out; "

@@ -171,6 +171,18 @@ def test_erase_empties_an_inactive_bank(bench: Bench) -> None:
     assert bench.do("ACTIVATE_BANK", bank="C").reason == "bank_empty"
 
 
+def test_a_bank_is_not_uploaded_while_it_is_activated(bench: Bench) -> None:
+    """An upload that is opened while the same bank is read back does not change it, and the bank becomes active."""
+    load(bench, "A")
+    request_id = bench.host.submit(bench.host.encode("ACTIVATE_BANK", {"bank": "A", "confirm_within_s": 60}))
+    bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
+    facts = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1)
+    transfer_id = bench.host.transfers.start_upload("catalogue", 0, bench.memory.content("golden"), facts)
+    bench.until(lambda: bench.stage(request_id) is Stage.COMPLETED)
+    bench.transfer_ends(transfer_id, "failed")
+    assert (bench.memory.record.active, bench.memory.record.banks["A"].state) == ("A", "committed")
+
+
 def test_activation_needs_a_stopped_cycle(bench: Bench) -> None:
     """The device rejects ACTIVATE_BANK while the cycle runs."""
     load(bench)

@@ -184,6 +184,26 @@ def test_an_unconfirmed_table_falls_back(bench: Bench) -> None:
     assert bench.tracker.tables.profile.sensor.bias_dn == 9.0
 
 
+def test_a_table_is_not_uploaded_while_it_is_erased(bench: Bench) -> None:
+    """An upload that is opened while the same table is erased is rejected as ``busy``. The ground opens it again after the end
+    of the command, and it is committed. ABORT ends the command, so that the table can be uploaded at once."""
+    request_id = bench.host.submit(bench.host.encode("ERASE_TABLE", {"table": "calibration", "bank": "A"}))
+    bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
+    digest = bytes(32)
+    offer = {"kind": "calibration", "target": 0, "size_bytes": 100, "chunk_bytes": 64, "sha256": digest}
+    facts = {"device_model": bench.dictionary.device_model, "profile": "cubestar", "format_version": TABLE_FORMAT}
+    unused = {"dictionary_hash": bench.dictionary.hash, "stars": 0, "pairs": 0, "epoch_jyear": 0.0}
+    assert bench.refusal("OPEN_UPLOAD", offer | facts | unused) == "busy"
+    assert send(bench, "calibration", "A", calibration()).state == "committed"
+    bench.run(1.0)
+    assert bench.stage(request_id) is Stage.COMPLETED
+    assert bench.memory.content("calibration.A") == calibration()
+    request_id = bench.host.submit(bench.host.encode("VERIFY_TABLE", {"table": "calibration", "bank": "A"}))
+    bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
+    bench.do("ABORT")
+    assert send(bench, "calibration", "A", calibration(focal_col_px=1.1 * CUBESTAR.camera.focal_col_px)).state == "committed"
+
+
 def test_a_corrupt_table_is_detected_and_not_used(bench: Bench) -> None:
     """After a bit flip, VERIFY_TABLE fails. If the table is active, the unit reports it at boot and uses its default
     values."""

@@ -96,7 +96,8 @@ class BankHandlers:
         content = self._memory.record.banks[bank]
         if content.state not in ("committed", "corrupt"):
             raise Rejection("bank_empty", f"bank {bank} is {content.state}")
-        yield content.size / self._timing.flash_read_bytes_s
+        with self._loader.reserved(bank):
+            yield content.size / self._timing.flash_read_bytes_s
         digest = self._memory.hash_of(bank)
         state = "committed" if digest == content.sha256 else "corrupt"
         if state != content.state:
@@ -164,7 +165,8 @@ class BankHandlers:
             raise Rejection("bank_active", f"bank {bank} is in use")
         if self._loader.busy_with(bank):
             raise Rejection("busy", f"a transfer writes bank {bank}")
-        yield self._timing.erase_bank_s
+        with self._loader.reserved(bank):
+            yield self._timing.erase_bank_s
         self._memory.erase_bank(bank)
         self._outbox.event("BANK_ERASED", f"bank {bank}", request_id)
         self._report_banks(request_id, bank)

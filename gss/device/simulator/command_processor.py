@@ -80,6 +80,8 @@ class CommandProcessor:
 
     def restart(self) -> None:
         """Restart after a reset: interrupted commands are reported as failed, now and when they are repeated."""
+        if self._current is not None and self._current.task is not None:
+            self._current.task.close()
         self._current = None
         self._waiting.clear()
         self.accepted = self.rejected = 0
@@ -225,6 +227,8 @@ class CommandProcessor:
         self._current = None
         self._waiting.clear()
         for running in stopped:
+            if running.task is not None:
+                running.task.close()
             self._stage(running, "failed", "aborted", "stopped by ABORT")
         return len(stopped)
 

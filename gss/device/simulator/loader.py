@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 from gss.device.protocol.codec import Decoded
 from gss.device.protocol.transfer import StatusPage
@@ -76,6 +77,15 @@ class Loader:
     def busy_with(self, area: str) -> bool:
         """True if an open upload writes to this area."""
         return any(s.receiver and s.area == area and not s.committed for s in self._sessions.values())
+
+    @contextmanager
+    def reserved(self, area: str) -> Iterator[None]:
+        """Reject uploads to this area while a command erases it or reads it back."""
+        self.openings.reserved.add(area)
+        try:
+            yield
+        finally:
+            self.openings.reserved.discard(area)
 
     def drop_images(self) -> None:
         """Abort image transfers in both directions after the image memory has lost power."""

@@ -22,7 +22,8 @@ CHUNK_RANGE = (16, 1536)
 class Openings:
     """Creates sessions. Raises Rejection if the transfer cannot be opened.
 
-    ``parts``: unfinished images by kind and slot. ``image_memory``: returns True if image memory has power.
+    ``parts``: unfinished images by kind and slot. ``reserved``: flash areas that a command uses. ``image_memory``: returns
+    True if image memory has power.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class Openings:
         self._downloads = DownloadSource(memory, tracker, writer)
         self._bytes_per_s = bytes_per_s
         self.parts: dict[tuple[str, int], Session] = {}
+        self.reserved: set[str] = set()
         self._image_memory = image_memory
 
     def _new_id(self) -> int:
@@ -59,6 +61,8 @@ class Openings:
         chunk_bytes, digest = self._checked_chunk(request), bytes(request["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
         if kind in FLASH_KINDS:
             area = self._writer.check(request, target, size)
+            if area in self.reserved:
+                raise Rejection("busy", f"a command uses {area}")
             session = self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
             session.offered = self._writer.offered(request)
             return session

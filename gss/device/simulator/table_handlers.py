@@ -94,7 +94,8 @@ class TableHandlers:
         content = self._memory.record.banks[area]
         if content.state not in ("committed", "corrupt"):
             raise Rejection("bank_empty", f"{table} {bank} is {content.state}")
-        yield content.size / self._timing.flash_read_bytes_s
+        with self._loader.reserved(area):
+            yield content.size / self._timing.flash_read_bytes_s
         digest = self._memory.hash_of(area)
         state = "committed" if digest == content.sha256 else "corrupt"
         if state != content.state:
@@ -162,7 +163,8 @@ class TableHandlers:
             raise Rejection("bank_active", f"{table} {bank} is in use")
         if self._loader.busy_with(area):
             raise Rejection("busy", f"a transfer writes {table} {bank}")
-        yield self._timing.erase_table_s
+        with self._loader.reserved(area):
+            yield self._timing.erase_table_s
         self._memory.erase_bank(area)
         self._outbox.event("TABLE_ERASED", f"{table} {bank}", request_id)
         self._report_status(request_id, table, bank)
