@@ -9,6 +9,7 @@ import pytest
 
 from gss.device.protocol.codec import check_arguments, encode
 from gss.device.session_events import CommandUpdate, Stage, Telemetry
+from gss.instruments.package_files import UnitTiming
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -68,13 +69,39 @@ def test_the_schedule_survives_a_reset_and_reports_missed_entries(bench: Bench) 
     bench.device.power.restart()
     bench.device.reset("watchdog", bench.now_s)
     bench.device._origin_s -= 1.0  # the processor was down for a second
-    bench.device._schedule.restart()
     bench.run(8.0)
     assert entries(bench)[1].values["state"] == "missed"
     assert entries(bench)[2].values["state"] == "done"
     assert bench.tracker.imager.gain == 3
     assert bench.tracker.exposure_ms != 77
     assert ["missed" in e.text for e in bench.device_events("SCHEDULE_FAILED")] == [True]
+
+
+def test_an_entry_due_during_the_boot_is_missed(make_bench: Callable[..., Bench]) -> None:
+    """A command that is due while the device boots is reported as missed with the request id of its SCHEDULE, and is not run
+    late."""
+    bench = make_bench(timing=UnitTiming(boot_s=3.0))
+    bench.until(lambda: bench.host.hello is not None)
+    done = schedule(bench, 2.0, "SET_EXPOSURE", exposure_ms=333)
+    bench.do("RESET")
+    bench.run(8.0)
+    (failure,) = bench.device_events("SCHEDULE_FAILED")
+    assert ("missed" in failure.text, failure.request_id) == (True, done.request_id)
+    assert entries(bench)[1].values["state"] == "missed"
+    assert bench.tracker.exposure_ms != 333
+
+
+def test_a_scheduled_cancel_removes_an_entry_due_at_the_same_time(bench: Bench) -> None:
+    """If a scheduled CANCEL and the command that it cancels are due together, the command does not run."""
+    at_s = bench.device.time_s + 5.0
+    for name, arguments in (("CANCEL", {"schedule_id": 2}), ("SET_EXPOSURE", {"exposure_ms": 333})):
+        command = bench.dictionary.command(name)
+        payload = encode(command.arguments, check_arguments(command, arguments))
+        bench.do("SCHEDULE", at_s=at_s, command_code=command.code, length=len(payload), payload=payload.hex())
+    bench.run(7.0)
+    assert (entries(bench)[1].values["state"], entries(bench)[2].values["state"]) == ("done", "cancelled")
+    assert bench.tracker.exposure_ms != 333
+    assert len(bench.device_events("SCHEDULE_RUN")) == 1
 
 
 def test_the_schedule_survives_the_process(make_bench: Callable[..., Bench]) -> None:
@@ -100,12 +127,14 @@ def test_a_scheduled_reset_runs_once(bench: Bench) -> None:
 
 
 def test_an_entry_interrupted_by_a_reset_has_failed(bench: Bench) -> None:
-    """An exposure that a reset interrupted is listed as failed by LIST_SCHEDULE."""
-    schedule(bench, 1.0, "TAKE_IMAGE", exposure_ms=2000)
+    """An exposure that a reset interrupted is reported as failed once, with the request id of its SCHEDULE."""
+    done = schedule(bench, 1.0, "TAKE_IMAGE", exposure_ms=2000)
     bench.run(1.5)
-    bench.device.reset("watchdog", bench.now_s)
-    bench.run(3.0)
-    bench.do("LIST_SCHEDULE")
+    for _ in range(2):
+        bench.device.reset("watchdog", bench.now_s)
+        bench.run(3.0)
+        (failure,) = bench.device_events("SCHEDULE_FAILED")
+    assert ("reset" in failure.text, failure.request_id) == (True, done.request_id)
     last = entries(bench)[1].values
     assert (last["state"], last["reason"]) == ("failed", "reset")
 

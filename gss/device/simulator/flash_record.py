@@ -52,7 +52,8 @@ class StoredRequest:
 class ScheduleEntry:
     """A scheduled command.
 
-    ``payload``: its arguments, hexadecimal. ``at_s``: device time. ``request_id``: of its SCHEDULE.
+    ``payload``: its arguments, hexadecimal. ``at_s``: device time. ``request_id``: of its SCHEDULE. ``running``: True if it
+    has started and not ended; ``state`` and ``reason`` are then those after a reset.
     """
 
     schedule_id: int
@@ -62,6 +63,7 @@ class ScheduleEntry:
     request_id: int
     state: str = "waiting"
     reason: str = "none"
+    running: bool = False
 
 
 @dataclass(frozen=True)

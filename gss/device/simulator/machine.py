@@ -150,7 +150,7 @@ class SimulatedDevice:
         self._banks.restart()
         for problem in self._tracker.tables.load():
             self._outbox.event("TABLE_CORRUPT", problem)
-        self._schedule.restart()
+        self._booting = True
         self._memory.save()
 
     def reset(self, cause: str, now_s: float) -> None:
@@ -219,6 +219,9 @@ class SimulatedDevice:
         self._outbox.time_s = self.time_s
         if now_s < self._asleep_until_s:
             return
+        if self._booting:
+            self._booting = False
+            self._schedule.restart(self.clock.at(self._asleep_until_s - self._origin_s))
         if self._reset is not None and now_s >= self._reset[1]:
             self.reset(self._reset[0], now_s)
             return

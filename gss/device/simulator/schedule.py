@@ -103,21 +103,24 @@ class Schedule:
 
     # --- execution ----------------------------------------------------------------------------------------------
 
-    def restart(self) -> None:
-        """Restart after a reset: mark and report commands whose time passed while the processor was not running."""
+    def restart(self, time_s: float) -> None:
+        """Restart at the end of a boot, at a device time: report commands that the reset interrupted, and commands whose time
+        passed while the processor was not running."""
+        for entry in list(self._memory.record.schedule):
+            if entry.running:
+                self._ended(replace(entry, running=False), "failed", "reset", "the device restarted during the command")
         for entry in self.waiting:
-            if entry.at_s <= self._time_s():
-                self._put(replace(entry, state="missed"), 0)
-                self._outbox.event("SCHEDULE_FAILED", f"{self._name(entry)} was missed")
+            if entry.at_s <= time_s:
+                self._put(replace(entry, state="missed"), entry.request_id)
+                self._outbox.event("SCHEDULE_FAILED", f"{self._name(entry)} was missed", entry.request_id)
 
     def advance(self) -> None:
-        """Run each due command once."""
-        for entry in self.waiting:
-            if entry.at_s > self._time_s():
-                return
+        """Run each due command once. A command can cancel the next one."""
+        while self.waiting and self.waiting[0].at_s <= self._time_s():
+            entry = self.waiting[0]
             # The entry is marked as failed before it runs. After a reset it therefore remains failed, and no command
             # runs twice.
-            self._put(replace(entry, state="failed", reason="reset"), 0, report=False)
+            self._put(replace(entry, state="failed", reason="reset", running=True), 0, report=False)
             self._processor.run_scheduled(
                 entry.request_id,
                 entry.command_code,
