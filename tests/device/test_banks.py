@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import DeviceEvent, Stage, Telemetry
+from gss.device.session_transfer import Part
 from gss.skytables.pairs import distance_table
 
 if TYPE_CHECKING:
@@ -142,6 +144,21 @@ def test_a_corrupt_active_bank_makes_matching_fail_with_the_reason(bench: Bench)
     assert bench.host.housekeeping["active_valid"] is False
     assert bench.do("ROLLBACK_BANK").stage is Stage.COMPLETED
     assert bench.do("MATCH_STARS").stage is Stage.COMPLETED
+
+
+def test_a_failed_detection_has_no_centroids_of_another_frame(make_bench: Callable[..., Bench]) -> None:
+    """If the detection of a frame fails, its attitude has no centroids, GET_CENTROIDS fails, and star windows are not cut at
+    the stars of the previous frame."""
+    bench = make_bench(camera="oersted")
+    bench.until(lambda: bench.host.hello is not None)
+    assert bench.do("RUN_ITERATION", slot=0).values["outcome"] == "solved"
+    bench.do("SIM_INJECT", fault="bank_corruption", value=BANKS["golden"])
+    number = bench.do("RUN_ITERATION", slot=0).values["frame_number"]
+    attitude = bench.telemetry("attitude")[-1].values
+    assert (attitude["frame_number"], attitude["centroids"]) == (number, 0)
+    assert bench.do("GET_CENTROIDS").reason == "no_image"
+    transfer_id = bench.host.transfers.start_download("star_windows", 0, part=Part(columns=9))
+    assert "bank_corrupt" in bench.transfer_ends(transfer_id, "failed").reason
 
 
 def test_the_active_and_the_fallback_bank_cannot_be_written_or_erased(bench: Bench) -> None:

@@ -51,10 +51,8 @@ __all__ = ["STANDBY", "Rejection", "StarTracker"]
 
 
 class StarTracker:
-    """Settings and results of the star tracker. A method raises Rejection if it cannot be executed.
-
-    ``clock``: device clock, which provides the time stamps of frames.
-    """
+    """Settings and results of the star tracker. A method raises Rejection if it cannot be executed. ``clock``: device
+    clock, which provides the time stamps of frames."""
 
     def __init__(self, profile: CameraProfile, sky: SimulatedSky, memory: Memory, timing: UnitTiming = TYPICAL) -> None:
         self.profile, self.sky, self._memory = profile, sky, memory
@@ -277,6 +275,9 @@ class StarTracker:
             send(self.match_report())
         except Rejection as rejection:
             # Without a catalogue no attitude is possible, which ends the series of attitudes like an unsolved frame.
+            if self.frame is not frame:  # the detection failed, and its last results belong to another frame
+                self.work = self.detection = None
+                self.timing.detect_ms = self.timing.match_ms = self.timing.attitude_ms = 0.0
             problem, self.frame = rejection.detail, frame
             self.matching = self.solution = None
             self.prior = self.prior.after(None, frame.time_s)
