@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
 
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage
 
 if TYPE_CHECKING:
@@ -66,6 +68,38 @@ def test_a_latch_up_draws_current_until_the_protection_trips(bench: Bench, rail:
     assert (cleared[f"{rail}_on"], cleared["latched_rails"], cleared["latchups"]) == (True, 0, 1)
     assert [e.text for e in bench.device_events("LATCHUP_CLEARED")] == [rail]
     assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
+
+
+def test_a_rail_that_latches_while_it_is_switched_on_stays_off(bench: Bench) -> None:
+    """If the protection trips while POWER is executed, POWER fails and the rail stays off until CLEAR_LATCHUP."""
+    bench.do("SIM_INJECT", fault="latchup_imager")
+    rail = bench.device.power.rails["imager"]
+    trip_s = float(rail.short_since_s or 0.0) + bench.device.power._row.trip_s
+    bench.until(lambda: bench.device.sky_s > trip_s - 0.08)
+    update = bench.do("POWER", rail="imager", state="on")
+    assert (update.stage, update.reason) == (Stage.FAILED, "wrong_state")
+    assert (rail.on, rail.latched) == (False, True)
+
+
+def test_clear_latchup_does_not_switch_on_a_rail_without_a_latch_up(bench: Bench) -> None:
+    """A rail that POWER has switched off stays off after CLEAR_LATCHUP."""
+    bench.do("POWER", rail="imager", state="off")
+    assert bench.do("CLEAR_LATCHUP", rail="imager").stage is Stage.COMPLETED
+    assert bench.status()["imager_on"] is False
+    assert bench.device_events("LATCHUP_CLEARED") == []
+
+
+def test_an_image_upload_ends_when_the_image_memory_loses_power(make_bench: Callable[..., Bench]) -> None:
+    """An upload of an image ends with the reason when SRAM is switched off, also if no image is stored."""
+    bench = make_bench(baud=115_200)
+    bench.until(lambda: bench.host.hello is not None)
+    image = bytes(bench.tracker.imager.upload_size)
+    facts = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1)
+    transfer_id = bench.host.transfers.start_upload("image", 1, image, facts)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 0)
+    bench.do("POWER", rail="sram", state="off")
+    assert "powered_off" in bench.transfer_ends(transfer_id, "failed").reason
+    assert bench.tracker.slots == {}
 
 
 def test_switching_off_in_time_ends_a_latch_up(bench: Bench) -> None:

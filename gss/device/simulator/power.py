@@ -79,10 +79,11 @@ class Power:
             rail.short_since_s = now_s
 
     def clear(self, name: str) -> bool:
-        """Switch a latched rail on again (CLEAR_LATCHUP). Returns True if the rail was latched up."""
+        """Switch a latched rail on again (CLEAR_LATCHUP). Returns True if the rail was latched up; otherwise nothing changes."""
         rail = self.rails[name]
         was = rail.latched or rail.short_since_s is not None
-        rail.on, rail.latched, rail.short_since_s = True, False, None
+        if was:
+            rail.on, rail.latched, rail.short_since_s = True, False, None
         return was
 
     def advance(self, now_s: float) -> list[str]:

@@ -39,9 +39,9 @@ class UnitHandlers:
 
     def power(self, arguments: Arguments, request_id: int) -> Task:
         rail, on = str(arguments["rail"]), arguments["state"] == "on"
+        yield SWITCH_S
         if on and self._power.rails[rail].latched:
             raise Rejection("wrong_state", f"{rail} latched up: send CLEAR_LATCHUP to switch it on again")
-        yield SWITCH_S
         if self._power.switch(rail, on):
             self._outbox.event("POWER_CHANGED", f"{rail} {'on' if on else 'off'}", request_id)
             self.apply()
@@ -55,8 +55,8 @@ class UnitHandlers:
         return {}
 
     def apply(self) -> None:
-        """Apply the effects of missing power: image memories are emptied, the cycle stops."""
-        if not self._power.on("sram") and self._tracker.slots:
+        """Apply the effects of missing power: image memories are emptied, image transfers and the cycle stop."""
+        if not self._power.on("sram"):
             self._tracker.slots.clear()
             self._loader.drop_images()
         self._cycle.stop_without_power()
