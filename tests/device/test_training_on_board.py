@@ -59,6 +59,15 @@ def test_bank_corruption_flips_bits_of_stored_data(bench: Bench, bank: int) -> N
         assert (done.stage, done.reason) == (Stage.FAILED, "bank_empty")
 
 
+def test_a_second_bank_corruption_does_not_repair_the_first(bench: Bench) -> None:
+    """Two corruptions without a frame between them flip different bits."""
+    intact = bench.memory.content("golden")
+    for _ in range(2):
+        bench.do("SIM_INJECT", fault="bank_corruption", value=3)
+    assert bench.memory.content("golden") != intact
+    assert bench.do("VERIFY_BANK", bank="golden").reason == "bank_corrupt"
+
+
 def test_a_flash_failure_ends_the_upload_with_its_reason(bench: Bench) -> None:
     """An upload with a flash failure ends with ``flash_error`` and an event, and nothing is committed. A second upload
     succeeds."""

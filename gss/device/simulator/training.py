@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -141,7 +142,8 @@ class Training:
         size = self._memory.record.banks[bank].size
         if not size:
             raise Rejection("bank_empty", f"bank {bank} is empty")
-        rng = np.random.default_rng([self._memory.record.frames, size])
+        # Other bits of a content that is already corrupt, so that a second corruption does not repair the first.
+        rng = np.random.default_rng(zlib.crc32(self._memory.content(bank)))
         for at in rng.choice(size, FLIPPED_BITS, replace=False):
             self._memory.flash.flip(self._memory.offset(bank) + int(at), int(rng.integers(8)))
 
