@@ -9,11 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gss.device.driver import Driver, open_driver
+from gss.device.link_framing import DelimitedFramer
+from gss.device.sagitta_driver import ACTION, packet
 from gss.device.session_events import CommandUpdate, SessionEvent, Stage, Telemetry
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.orbit import Inertial
 from gss.device.simulator.other_makers import UnitWorld
-from gss.device.simulator.sagitta import BOOTED, SagittaUnit, open_unit
+from gss.device.simulator.sagitta import BOOTED, SET_TIME, SagittaUnit, open_unit
 from gss.domain.frames import cam_from_icrs
 from gss.domain.rotation import matrix_from_quaternion
 from gss.instruments.dictionary.definitions import Value
@@ -175,6 +177,15 @@ def test_a_subscription_sends_without_requests(sagitta: Instrument) -> None:
     assert all(e.request_id == 0 for e in matches)
     assert len({row["star"] for row in matches[-1].lists["items"]}) == 16
     assert all(abs(float(row["x_mm"])) < 2048 * 0.0055 / 2 for row in matches[-1].lists["items"])
+
+
+def test_the_largest_time_is_accepted(sagitta: Instrument) -> None:
+    """After SET_TIME with the largest number, the time of telemetry starts again at 0."""
+    session, unit = open_session_of(sagitta), unit_of(sagitta, BOOTED)
+    unit.feed(DelimitedFramer("slip").encode(packet(ACTION, SET_TIME, b"\xff" * 8)), 0.0)
+    solutions = [e for e in talk(session, unit, 0.5, 3.0) if isinstance(e, Telemetry) and e.packet == "solution"]
+    assert solutions
+    assert 0 < solutions[0].device_time_s < 5
 
 
 def test_errors_of_the_sensor_reject_the_command(sagitta: Instrument) -> None:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -167,3 +168,20 @@ def test_nothing_is_sent_while_time_is_paused(units: list[Stepped]) -> None:
     assert unit.order("step 2.5") == "time 2.500000"
     assert len(unit.received()) > 200
     assert unit.received() == b""
+
+
+def test_a_satellite_that_decays_ends_the_simulator_with_a_message(tmp_path: Path) -> None:
+    """When the TLE of the simulator has no orbit any more, the process ends with the reason and without a traceback."""
+    (tmp_path / "decay.tle").write_text(
+        "1 40000U 14001A   26329.50000000  .01000000  00000-0  10000-2 0    15\n"
+        "2 40000  51.6000  80.0000 0010000  10.0000 120.0000 16.25000000000016\n"
+    )
+    command = [sys.executable, "-m", "gss.device.simulator", "--instrument", "cubestar", "--stepped", "--tcp", "0"]
+    command += ["--tle", str(tmp_path / "decay.tle")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.write("skip 700000\n")
+        process.stdin.flush()
+        assert process.wait(30) == 2
+        assert process.stderr.read().startswith("simulator: No orbit at ")

@@ -152,17 +152,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         line = make_line(arguments)
         terminal, device, clock = make_terminal(arguments, line)
     except GssError as error:
-        sys.stderr.write(f"simulator: {error.sentences()}\n")
         if line is not None:
             line.close()
-        return 2
+        return _failed(error)
     garbage.collect_as_usual()
-    serve(
-        terminal,
-        device,
-        clock,
-        line.url,
-        watch_stdin=arguments.exit_with_stdin or arguments.stepped,
-        paced=arguments.paced,
-    )
+    try:
+        serve(
+            terminal,
+            device,
+            clock,
+            line.url,
+            watch_stdin=arguments.exit_with_stdin or arguments.stepped,
+            paced=arguments.paced,
+        )
+    except GssError as error:  # for example, the satellite has decayed
+        return _failed(error)
     return 0
+
+
+def _failed(error: GssError) -> int:
+    """Print the error. Returns the exit code."""
+    sys.stderr.write(f"simulator: {error.sentences()}\n")
+    return 2

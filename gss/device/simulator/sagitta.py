@@ -118,7 +118,8 @@ class SagittaUnit:
         if row is None or number >= PARAMETER_CODES:
             return bytes([NOT_IMPLEMENTED])
         self._counter += 1
-        stamp = STAMP.pack(0, self._counter & 0xFFFF_FFFF, int(now_s * 1e6) + self._offset_us)
+        time_us = (int(now_s * 1e6) + self._offset_us) & 0xFFFF_FFFF_FFFF_FFFF
+        stamp = STAMP.pack(0, self._counter & 0xFFFF_FFFF, time_us)
         values: dict[str, Value] = {f.name: _zero(f.type) for f in row.values}
         rows: list[dict[str, Value]] = []
         if number == SOLUTION:
