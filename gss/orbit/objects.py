@@ -11,7 +11,7 @@ import numpy as np
 from sgp4.api import Satrec, SatrecArray
 from sgp4.conveniences import sat_epoch_datetime
 
-from gss.catalogue_tools.corrections.ephemeris import LIGHT_KM_S, PLANETS, bodies_at, teme_from_icrs
+from gss.catalogue_tools.corrections.ephemeris import LIGHT_KM_S, PLANETS, bodies_at, earth_motion, teme_from_icrs
 from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
 from gss.domain.aberration import aberrate
 from gss.domain.angles import ARCSEC_RAD, Array, separation_rad
@@ -139,13 +139,13 @@ class ObjectCatalogue:
         return to_object_km / distance_km[..., None], distance_km
 
 
-def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array | None = None) -> TrackName | None:
+def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue) -> TrackName | None:
     """Identify a track as a planet, or as the catalogue object that is within the gate at all times of the track. Return None if
     there is none.
 
-    ``velocity_c`` (3,): velocity of the Earth in units of c, if the attitudes were corrected for aberration. The
-    measured directions contain this correction, although it is not correct for an object that moves with the Earth.
-    Therefore the same correction is applied to the predictions.
+    The aberration by the Earth's motion displaces the stars, but not an object that moves with the Earth. It is removed
+    from directions relative to catalogue stars, either by a correction or by the attitude, which follows the
+    displaced stars. Therefore it is also removed from the predictions.
     """
     picked = np.unique(np.linspace(0, len(track.times_s) - 1, 3).round().astype(int))
     times_s, icrs, sigma = track.times_s[picked], track.icrs[picked], track.sigma_rad[picked]
@@ -159,8 +159,8 @@ def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array 
     if observer_km is None or not catalogue.objects:
         return None
     directions, distance_km = catalogue.seen_from(times_s, observer_km)
-    if velocity_c is not None:
-        directions = aberrate(directions.reshape(-1, 3), -np.asarray(velocity_c)).reshape(directions.shape)
+    velocity_c = earth_motion(jyear_of(moment))[1]
+    directions = aberrate(directions.reshape(-1, 3), -velocity_c).reshape(directions.shape)
     angle_rad = separation_rad(directions, icrs[None])
     age_days = np.array([abs(unix_s(o.epoch) - float(times_s.mean())) for o in catalogue.objects]) / DAY_S
     error_rad = ((ERROR_KM + ERROR_KM_DAY * age_days)[:, None]) / distance_km

@@ -23,17 +23,14 @@ class TdmTrack:
     sigma_rad: float
 
 
-def tdm_of(
-    tracks: Sequence[TdmTrack], observer: str, exposure_s: float, corrected: bool, created: datetime
-) -> Iterator[str]:
+def tdm_of(tracks: Sequence[TdmTrack], observer: str, exposure_s: float, created: datetime) -> Iterator[str]:
     """Yield the lines of a TDM with one segment per object. ``observer``: name of participant 1. ``exposure_s``: integration
-    interval. ``corrected``: True if the aberration of the stars was corrected in the directions."""
+    interval."""
     yield f"CCSDS_TDM_VERS = 2.0\nCREATION_DATE = {created:%Y-%m-%dT%H:%M:%S}\nORIGINATOR = GSS\n"
     for number, track in enumerate(tracks, 1):
         yield "\nMETA_START\n"
         yield f"COMMENT standard deviation of a direction {track.sigma_rad / ARCSEC_RAD:.2f} arcsec per axis\n"
-        if corrected:
-            yield "COMMENT directions relative to catalogue stars: aberration by the Earth's motion is removed\n"
+        yield "COMMENT directions relative to catalogue stars: aberration by the Earth's motion is removed\n"
         yield f"TRACK_ID = {number}\nDATA_TYPES = ANGLE_1,ANGLE_2,MAG\nTIME_SYSTEM = UTC\n"
         yield f"START_TIME = {_time(track.times_s.min())}\nSTOP_TIME = {_time(track.times_s.max())}\n"
         yield f"PARTICIPANT_1 = {_plain(observer)}\nPARTICIPANT_2 = {_plain(track.participant)}\n"

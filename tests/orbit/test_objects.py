@@ -10,14 +10,17 @@ from astropy import units as u
 from astropy.coordinates import GCRS, TEME, CartesianRepresentation, EarthLocation
 from astropy.time import Time
 
-from gss.catalogue_tools.corrections.ephemeris import bodies_at
+from gss.catalogue_tools.corrections.ephemeris import bodies_at, earth_motion
 from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.domain.aberration import aberrate
 from gss.domain.angles import ARCSEC_RAD, Array, separation_rad
 from gss.domain.errors import BadInput
+from gss.domain.rotation import matrix_from_quaternion
 from gss.orbit.objects import MeasuredTrack, catalogue_of, name_of, places_of_orbit, places_of_station, read_objects
 from gss.orbit.station import GroundStation
 from gss.orbit.tdm import TdmTrack, tdm_of
 from gss.orbit.trajectory import TleTrajectory
+from gss.pipeline.attitude import q_method
 
 MOMENT = datetime(2026, 3, 1, 13, tzinfo=UTC)
 TIMES_S = MOMENT.timestamp() + np.array([0.0, 1.0, 2.0])
@@ -53,10 +56,11 @@ def test_a_direction_agrees_with_astropy() -> None:
 
 
 def measured(elements: str, offset_rad: float = 0.0) -> MeasuredTrack:
-    """Return the track of an object as measured by the observer, with an offset in direction."""
+    """Return the track of an object as measured by the observer relative to catalogue stars, with an offset in direction."""
     observer_positions = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
     directions, _ = catalogue_of(read_objects(elements)).seen_from(TIMES_S, observer_positions)
-    icrs: Array = directions[0] + offset_rad * np.array([0.0, 0.0, 1.0])
+    seen = aberrate(directions[0], -earth_motion(jyear_of(MOMENT))[1])
+    icrs: Array = seen + offset_rad * np.array([0.0, 0.0, 1.0])
     return MeasuredTrack(
         TIMES_S, icrs / np.linalg.norm(icrs, axis=1, keepdims=True), np.full(3, 5 * ARCSEC_RAD), observer_positions
     )
@@ -74,6 +78,23 @@ def test_an_object_is_identified_only_at_its_predicted_position() -> None:
     assert name_of(measured(TARGET, float(np.radians(1.0))), catalogue) is None
     track = measured(TARGET)
     assert name_of(MeasuredTrack(track.times_s, track.icrs, track.sigma_rad, None), catalogue) is None
+
+
+def test_an_attitude_without_correction_displaces_an_object_by_the_aberration() -> None:
+    """An attitude from displaced stars and their catalogue directions gives an object the same direction as an attitude that is
+    corrected for aberration, within 1″, and the prediction agrees with it."""
+    observer_positions = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
+    directions, _ = catalogue_of(read_objects(TARGET)).seen_from(TIMES_S, observer_positions)
+    around = directions[0].mean(axis=0) + np.radians(4) * np.random.default_rng(1).normal(size=(200, 3))
+    stars = around / np.linalg.norm(around, axis=1, keepdims=True)
+    camera = aberrate(stars, earth_motion(jyear_of(MOMENT))[1])  # the axes of the camera are those of ICRS
+    measured_icrs = directions[0] @ matrix_from_quaternion(q_method(camera, stars))
+    assert separation_rad(measured_icrs, directions[0]).max() > 5 * ARCSEC_RAD
+    assert separation_rad(measured_icrs, measured(TARGET).icrs).max() < ARCSEC_RAD
+    track = MeasuredTrack(TIMES_S, measured_icrs, np.full(3, ARCSEC_RAD), observer_positions)
+    name = name_of(track, catalogue_of(read_objects(TARGET)))
+    assert name is not None
+    assert name.off_rad < ARCSEC_RAD
 
 
 def test_a_planet_is_identified_without_the_observers_position() -> None:
@@ -102,7 +123,7 @@ def test_invalid_lists_are_rejected(text: str, message: str) -> None:
 def test_tracks_are_written_as_tdm() -> None:
     """A TDM has one segment per object, angles in degrees and names in ASCII."""
     track = TdmTrack("Ørsted", TIMES_S, np.tile([0.0, -1.0, 0.0], (3, 1)), np.full(3, 4.25), ARCSEC_RAD)
-    lines = "".join(tdm_of([track, track], "CAM", 0.5, True, MOMENT)).splitlines()
+    lines = "".join(tdm_of([track, track], "CAM", 0.5, MOMENT)).splitlines()
     assert lines[0] == "CCSDS_TDM_VERS = 2.0"
     assert lines.count("META_START") == lines.count("DATA_STOP") == 2
     assert "PARTICIPANT_2 = _rsted" in lines

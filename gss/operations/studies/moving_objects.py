@@ -92,12 +92,11 @@ def moving_objects(
         )
     linked = link(frames, top_rate_rad_s, lambda share: progress(0.8 + 0.15 * share, "Linking the sources"))
     progress(0.95, "Naming the tracks")
-    velocity = frames[0].view.velocity_c
     tracks: list[TrackRecord] = []
     measured: list[TdmTrack] = []
     explained: set[tuple[int, int]] = set()
     for k, tracklet in enumerate([*linked.resting, *linked.moving, *linked.streaks]):
-        name = name_of(_measured(tracklet, place), catalogue, velocity)
+        name = name_of(_measured(tracklet, place), catalogue)
         if k < len(linked.resting):
             if name is None:
                 continue
@@ -124,7 +123,7 @@ def moving_objects(
         tracks,
         reasons,
         rejected,
-        "".join(tdm_of(measured, "CAMERA" if place is None else place.name, exposure_s, velocity is not None, created)),
+        "".join(tdm_of(measured, "CAMERA" if place is None else place.name, exposure_s, created)),
     )
     return AnalysisResult("moving", moving_report(record, run.profile.camera, subject_of(run)), dict(as_record(record)))
 
