@@ -87,7 +87,7 @@ def curves_of(
     nearest = nth_nearest_rad(unit, attitudes[:, 2])
     return Curves(
         grid,
-        mean_by_limit(stars, camera.shape.area_sr, grid),
+        mean_by_limit(pairs, stars.v_mag, grid),
         np.stack([p_fewer_by_limit(nth, n, grid) for n in NEED]),
         circle,
         np.stack([p_fewer_in_circle(nearest, n, circle) for n in NEED]),

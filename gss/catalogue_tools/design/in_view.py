@@ -174,10 +174,11 @@ def p_fewer_by_limit(nth_mag: Array, stars: int, limit_mag: Array) -> Array:
     return np.asarray(1 - np.searchsorted(sorted_mag, limit_mag, side="right") / len(sorted_mag), float)
 
 
-def mean_by_limit(stars: StarTable, area_sr: float, limit_mag: Array) -> Array:
-    """Return the exact mean number of stars in a randomly pointed field, for each magnitude limit: the number in the
-    catalogue times the field's fraction of the sphere."""
-    return np.asarray(np.searchsorted(stars.v_mag, limit_mag, side="right") * (area_sr / (4 * np.pi)), float)
+def mean_by_limit(pairs: StarsInFields, v_mag: Array, limit_mag: Array) -> Array:
+    """Return the mean number of stars in the fields of ``pairs``, for each magnitude limit. ``v_mag``: magnitudes of the
+    star table."""
+    sorted_mag = np.sort(v_mag[pairs.star])
+    return np.asarray(np.searchsorted(sorted_mag, limit_mag, side="right") / len(pairs.count), float)
 
 
 def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:

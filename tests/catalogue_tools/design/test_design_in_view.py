@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gss.catalogue_tools.design import in_view
 from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.design.design_report import QUICK, DesignRequest, design
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits
 from gss.catalogue_tools.envelope.envelope import BandEnvelope
 from gss.catalogue_tools.envelope.orbits import from_elements
@@ -58,14 +61,26 @@ def test_curves_by_limit_circle_and_focal_length_equal_counts() -> None:
 
 
 def test_mean_by_limit_agrees_with_random_pointings() -> None:
-    """The mean number of stars, calculated from the solid angle of the field, agrees with 20 000 pointings within their
-    scatter.
+    """The mean number of stars of 20 000 random pointings agrees with the solid angle of the field within their scatter. For
+    each limit it is the mean of the pointings.
     """
     rows = in_view.bright_rows(STARS, 6.0)
     attitudes = in_view.look(SUNSAT, 20_000, 7)
-    counts = in_view.pairs_in_view(STARS.icrs[:rows], attitudes, SUNSAT.shape).count
-    expected = in_view.mean_by_limit(STARS, SUNSAT.shape.area_sr, np.array([6.0]))[0]
-    assert counts.mean() == pytest.approx(expected, abs=4 * counts.std() / np.sqrt(20_000))
+    pairs = in_view.pairs_in_view(STARS.icrs[:rows], attitudes, SUNSAT.shape)
+    mean = in_view.mean_by_limit(pairs, STARS.v_mag, np.array([5.0, 6.0]))
+    expected = rows * SUNSAT.shape.area_sr / (4 * np.pi)
+    assert mean[1] == pytest.approx(expected, abs=4 * pairs.count.std() / np.sqrt(20_000))
+    assert mean[0] == pytest.approx(pairs.brighter_than(in_view.bright_rows(STARS, 5.0)).count.mean())
+
+
+def test_the_curve_of_the_mean_uses_the_pointings_of_the_report() -> None:
+    """With an orbit, the curve of the mean at the active limit is the mean number of stars along this orbit."""
+    orbit = from_elements((np.radians(90.0),) * 2, (0.0, 0.0))
+    limits = AttitudeLimits("zenith", (-0.09, 0.09), (-0.09, 0.09), (-0.09, 0.09))
+    request = DesignRequest(SUNSAT, BandEnvelope(SUNSAT.shape, limits, orbit))
+    report = design(request, STARS, replace(QUICK, looks=500))
+    at_limit = int(np.argmin(abs(report.curves.limit_mag - report.limits.in_force_mag)))
+    assert report.curves.mean_stars[at_limit] == pytest.approx(report.in_view.mean)
 
 
 def test_histogram_of_jacobs_is_reproduced_with_progress() -> None:
