@@ -23,6 +23,7 @@ class StarTable:
 
     ``icrs``: (n, 3) unit vectors. ``proper_motion_rad_yr``: (n, 3) velocities of these vectors, tangent to the sphere.
     ``v_mag``: Johnson V. ``b_v``: colour index, NaN if unknown. ``flags``: bitwise OR of the FLAG_ constants.
+    ``hip_numbers``: False if ``hip`` contains the numbers of another list or of rows.
     """
 
     hip: Ids
@@ -34,6 +35,7 @@ class StarTable:
     flags: NDArray[np.uint16]
     epoch_jyear: float
     names: dict[int, str] = field(default_factory=dict, repr=False)
+    hip_numbers: bool = True
 
     def __post_init__(self) -> None:
         n = len(self.hip)

@@ -16,13 +16,15 @@ from astropy.time import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gss.catalogue_tools.corrections.correction_switches import Corrections
+from gss.catalogue_tools.corrections.sky_source import corrected
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.star_list_export import write_star_list
 from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping, plain_unit
 from gss.catalogue_tools.sources.star_lists import read_star_list
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
-from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
+from gss.domain.stars import FLAG_NO_PROPER_MOTION, FLAG_VARIABLE, StarTable
 
 MAS_RAD = ARCSEC_RAD / 1000
 MAPPING = ListMapping(epoch_jyear=2000.0, frame="icrs")
@@ -361,6 +363,20 @@ def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
     nameless = read_star_list(_csv("1,1,3", head="ra,dec,v"), "csv", MAPPING).stars
     assert nameless.name_of(1) == "row 1"
     assert read_star_list(_csv("7001,1,1,3"), "csv", MAPPING).stars.name_of(7001) == "HIP 7001"
+
+
+@pytest.mark.parametrize("column", ["hip", "hd", "sao"])
+def test_variable_stars_are_recognized_only_by_hipparcos_numbers(column: str) -> None:
+    """The number of Mira in Hipparcos changes magnitude and flag only in a column of Hipparcos numbers, also after the list is
+    exported and read again."""
+    stars = read_star_list(_csv("10826,1,1,3", head=f"{column},ra,dec,v"), "csv", MAPPING).stars
+    exported = read_star_list(write_star_list(stars, "csv"), "csv").stars
+    for table in (stars, exported):
+        switches = Corrections(proper_motion=False, flag_variables=True, variables_at_date=True)
+        seen = corrected(table, switches, 2026.0).stars
+        is_mira = column == "hip"
+        assert (bool(seen.flags[0] & FLAG_VARIABLE), seen.v_mag[0] != 3.0) == (is_mira, is_mira)
+    assert exported.name_of(10826) == stars.name_of(10826)
 
 
 def test_a_list_without_motions_is_reported() -> None:

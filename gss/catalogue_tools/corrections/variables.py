@@ -103,16 +103,18 @@ def magnitude_at(star: Elements, jyear: float) -> float:
 
 
 def flagged(stars: StarTable) -> StarTable:
-    """Return the stars with the variables of Table A-1 flagged, in addition to the flags of Hipparcos."""
-    listed = np.isin(stars.hip, [row.hip for row in TABLE_A1])
+    """Return the stars with the variables of Table A-1 flagged, in addition to the flags of Hipparcos. Stars without
+    Hipparcos numbers are not flagged."""
+    listed = np.isin(stars.hip, [row.hip for row in TABLE_A1]) & stars.hip_numbers
     return replace(stars, flags=np.where(listed, stars.flags | FLAG_VARIABLE, stars.flags).astype(np.uint16))
 
 
 def at_date(stars: StarTable, jyear: float) -> StarTable:
-    """Return the stars with the magnitudes of periodic variables at the date. The order of the rows is unchanged."""
+    """Return the stars with the magnitudes of periodic variables at the date. The order of the rows is unchanged. Stars
+    without Hipparcos numbers are unchanged."""
     v_mag = np.array(stars.v_mag, float)
     for star in PERIODIC:
-        v_mag[stars.hip == star.hip] = magnitude_at(star, jyear)
+        v_mag[(stars.hip == star.hip) & stars.hip_numbers] = magnitude_at(star, jyear)
     return replace(stars, v_mag=v_mag)
 
 

@@ -75,7 +75,7 @@ def columns(stars: StarTable) -> dict[str, NDArray[Any]]:
     east, north = tangent_basis(ra, dec)
     motion = stars.proper_motion_rad_yr / MAS_RAD
     return {
-        "hip": stars.hip.astype(np.int32),
+        "hip" if stars.hip_numbers else "id": stars.hip.astype(np.int32),
         "ra_deg": np.degrees(ra),
         "dec_deg": np.degrees(dec),
         "v_mag": stars.v_mag.astype(float),

@@ -200,8 +200,8 @@ def check_ranges(values: dict[str, Array], bad: BadRows) -> None:
 
 def numbering_of(
     raw: RawList, columns: dict[str, str], bad: BadRows, notes: list[str]
-) -> tuple[NDArray[np.int32], list[str]]:
-    """Return the numbers of the stars and their names ("" for none).
+) -> tuple[NDArray[np.int32], list[str], bool]:
+    """Return the numbers of the stars, their names ("" for none), and True if the numbers are Hipparcos numbers.
 
     Numbers that fit in 32 bits are used. If the column contains text or longer numbers, its values become names and the
     stars are numbered by row.
@@ -211,7 +211,7 @@ def numbering_of(
     serial = np.arange(1, count + 1, dtype=np.int32)
     if "id" not in columns:
         notes.append("no column with star numbers: stars are numbered by row")
-        return serial, [name or f"row {n}" for n, name in enumerate(names, 1)]
+        return serial, [name or f"row {n}" for n, name in enumerate(names, 1)], False
     column = raw.columns[columns["id"]]
     numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
     is_star_number = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
@@ -222,17 +222,18 @@ def numbering_of(
         texts = [_text(v) for v in column]
         names = [name or text for name, text in zip(names, texts, strict=True)]
         bad.mark(_repeated(np.array(texts, np.str_), bad.good()), "id", "named twice")
-        return serial, names
+        return serial, names, False
     bad.mark(~is_star_number, "id", "not a star number")
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
     whole_numbers = np.where(is_star_number, numbers, 0).astype(np.int32)
-    if not columns["id"].lower().startswith("hip"):
+    hip_numbers = columns["id"].lower().startswith("hip")
+    if not hip_numbers:
         # A star of another list gets a name with its number. Otherwise the number would be displayed as a Hipparcos or
         # Gaia number.
         names = [
             name or f"{columns['id']} {number}" for name, number in zip(names, whole_numbers.tolist(), strict=True)
         ]
-    return whole_numbers, names
+    return whole_numbers, names, hip_numbers
 
 
 def _text(value: object) -> str:

@@ -104,7 +104,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
     values = {name: numbers_of(name, columns[name], units[name], raw, bad) for name in units}
     require_clear_unit(values, units, columns, raw, mapping)
     check_ranges(values, bad)
-    numbers, names = numbering_of(raw, columns, bad, notes)
+    numbers, names, hip_numbers = numbering_of(raw, columns, bad, notes)
     good = bad.good()
     if mapping.bad_rows == "refuse" and bad.count():
         first = bad.report(1)[0]
@@ -121,6 +121,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
             got=f"row {first.row}, {first.column}: {first.reason}: {first.value}",
         )
     stars = _table({name: value[good] for name, value in values.items()}, numbers[good], epoch, frame, mapping)
+    stars = replace(stars, hip_numbers=hip_numbers)
     if "flags" in columns:
         stars = _flagged(stars, raw.columns[columns["flags"]][good])
     if any(names):
