@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
+from scipy.special import gammaincinv, stdtrit
 
 from gss.domain.angles import Array
 from gss.domain.frames import ra_dec_roll_rad
@@ -28,6 +28,9 @@ ROUNDS = 6
 FREEDOM = 6
 LINE_PARAMETERS = 2
 JUMP_SIGMAS = 6.0
+DRIFT_SIGMAS, FALSE_DRIFT = 5.0, 1e-4
+"""Minimum ratio of a significant slope to its σ, and the largest probability of reporting a slope where there is none.
+The latter determines the ratio if there are few samples."""
 CONFIDENCE = 0.95
 BODY_AXES = ("across, x", "across, y", "about")
 SKY_AXES = ("RA · cos Dec", "Dec", "rotation")
@@ -175,6 +178,12 @@ def slope_sigma(residual: Array, at_s: Array) -> Array:
     return np.asarray(_sigma(residual, LINE_PARAMETERS) / np.sqrt(np.sum((at_s - at_s.mean()) ** 2)))
 
 
+def drift_limit(samples: int) -> float:
+    """Return the ratio of a slope to its σ above which it is significant, for a line fitted to this number of samples
+    (Student's distribution)."""
+    return max(DRIFT_SIGMAS, -float(stdtrit(samples - LINE_PARAMETERS, FALSE_DRIFT / 2)))
+
+
 def axis_figures(
     names: tuple[str, ...], deviation: Array, parameters: int, claimed: Array, drift: Array, drift_sigma: Array
 ) -> tuple[AxisFigures, ...]:
@@ -212,7 +221,8 @@ def _warnings(
 ) -> list[Advice]:
     advice: list[Advice] = []
     off = float(np.linalg.norm(rate - expected))
-    if off > max(5 * float(np.linalg.norm(rate_sigma)), 0.02 * SIDEREAL_RAD_S):
+    limit = drift_limit(int(np.count_nonzero(keep)))
+    if off > max(limit * float(np.linalg.norm(rate_sigma)), 0.02 * SIDEREAL_RAD_S):
         text = f"the camera turned by {np.degrees(off) * 3600:.3g}″/s more than expected"
         hint = "check for a moving mount, an active drive or a wrong clock"
         advice.append(Advice("moved", text, hint, off > 0.2 * SIDEREAL_RAD_S))

@@ -10,7 +10,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import matrix_from_quaternion, quaternion_inverse, quaternion_product, turn_between, turned
 from gss.pipeline.analysis.series import FEWEST, AttitudeSeries
-from gss.pipeline.analysis.steady import AxisFigures, axis_figures, slope_sigma
+from gss.pipeline.analysis.steady import AxisFigures, axis_figures, drift_limit, slope_sigma
 from gss.pipeline.calibration.advice import Advice
 
 APART_S = 0.05
@@ -18,7 +18,6 @@ APART_S = 0.05
 step."""
 AXES = ("x", "y", "z")
 MEAN_PARAMETERS = 1
-DRIFT_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
     chi = float(np.sqrt(np.mean([(x.sigma_rad / x.claimed_rad) ** 2 for x in axes])))
     advice: list[Advice] = []
     for x in axes:
-        if abs(x.drift_rad_s) > DRIFT_SIGMAS * x.drift_sigma_rad_s:
+        if abs(x.drift_rad_s) > drift_limit(len(a)) * x.drift_sigma_rad_s:
             text = f"{x.name}: the mounting drifts by {np.degrees(x.drift_rad_s) * 3600 * 3600:.3g}″ an hour"
             advice.append(
                 Advice("drift", text, "check for thermal bending of the structure or a drift between the clocks")
