@@ -148,13 +148,16 @@ def frame_figures(
 
 
 def lens_figures(frame: HealthFrame, result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]:
-    """Return focal length, centre and third-order distortion of the frame, fitted together with its attitude. The fit
-    includes the stars that the chain rejected, because a change of the lens moves stars out of its limit."""
+    """Return focal length, centre and third-order distortion of the frame, fitted together with its attitude, where
+    ``camera`` is the calibration. The fit includes the stars that the chain rejected, because a change of the lens
+    moves stars out of its limit."""
     assert result.matches is not None  # noqa: S101 - the caller has looked
     seen = identified_stars(result, result.matches)
     seen = seen.with_others(rejected_stars(result, frame.stars, reach_of([result])))
-    used = np.isfinite(seen.residual_px).all(axis=1)
-    positions, off = seen.pixels[used], seen.residual_px[used]
+    # The residuals are relative to the camera of the result, whose lens can be fitted to the frame.
+    off = seen.pixels - camera.project(result.camera.unproject(seen.pixels - seen.residual_px))
+    used = np.isfinite(off).all(axis=1)
+    positions, off = seen.pixels[used], off[used]
     sigma = np.maximum(seen.sigma_px[used], MIN_ERROR_PX)
     if len(positions) < LENS_STARS:
         return {}
