@@ -81,11 +81,13 @@ def dark_course(
         )
     edges = exponents[[near.min(), near.max()]]
     fit = fits[k]
-    constants = np.array([f.coefficients[0] for f in fits])[near]
+    constants, growths = np.array([f.coefficients[:2] for f in fits])[near].T
     dark, growth = (float(c) for c in fit.coefficients[:2])
-    if not dark > 0:
+    if not constants.min() > 0:
         return DarkCourse(reference_c, EXPONENT_K, False, nothing, nothing, nothing)
-    spread = Z95 * np.sqrt(np.diag(fit.covariance))
+    spread = Z95 * float(np.sqrt(fit.covariance[0, 0]))
+    relative, of_ratio = growths / constants, np.array([-growth / dark, 1.0]) / dark
+    relative_spread = Z95 * float(np.sqrt(of_ratio @ fit.covariance[:2, :2] @ of_ratio))
     doubling = np.log(2) * (reference_c + ZERO_C_K) ** 2 / np.array([exponents[k], edges[1], edges[0]])
     return DarkCourse(
         reference_c,
@@ -93,9 +95,9 @@ def dark_course(
         True,
         Estimate(
             dark * e_per_dn,
-            float(constants.min() - spread[0]) * e_per_dn,
-            float(constants.max() + spread[0]) * e_per_dn,
+            float(constants.min() - spread) * e_per_dn,
+            float(constants.max() + spread) * e_per_dn,
         ),
         Estimate(*(float(d) for d in doubling)),
-        Estimate(growth / dark, (growth - float(spread[1])) / dark, (growth + float(spread[1])) / dark),
+        Estimate(growth / dark, float(relative.min()) - relative_spread, float(relative.max()) + relative_spread),
     )
