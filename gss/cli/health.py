@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     temperatures = read_temperatures(arguments.temperatures)
     profile, solver = camera(arguments.camera), Solver(registry().camera)
-    shots = shots_of(arguments.files, None, arguments.exposure, arguments.keep_aberration)
+    shots = shots_of(arguments.files, None, arguments.exposure, arguments.keep_aberration, timed=True)
     solved = run_frames(solver, shots, profile, arguments.chain, lambda share, text: show_progress(share / 2, text))
     surroundings = Surroundings(temperatures, places_below(orbit_within(request.trajectories)))
     outcome = sensor_health(solver, solved, surroundings, lambda share, text: show_progress(0.5 + share / 2, text))

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         },
     )
     profile, solver = camera(arguments.camera), Solver(registry().camera)
-    shots = shots_of(arguments.files, arguments.interval, arguments.exposure, arguments.keep_aberration)
+    shots = shots_of(arguments.files, arguments.interval, arguments.exposure, arguments.keep_aberration, timed=True)
     outcome = moving_objects(
         solver,
         run_frames(solver, shots, profile, arguments.chain, lambda share, text: show_progress(share / 2, text)),

@@ -155,19 +155,19 @@ def output_calibration(
 def run_analyse(arguments: argparse.Namespace) -> int:
     """Analyse the frames, then write and print the report."""
     from gss.operations.frames.solve import Solver
-    from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
+    from gss.operations.studies.analyse import FRAME_KINDS, TIMED_KINDS, analyse, check_kind, run_frames
 
     profile = camera(arguments.camera)
     commanded = None if arguments.rate is None else math.radians(arguments.rate)
     if arguments.kind not in FRAME_KINDS:
         raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=arguments.kind)
     check_kind(arguments.kind, commanded, len(arguments.second))
-    solver = Solver(registry().camera)
+    solver, timed = Solver(registry().camera), arguments.kind in TIMED_KINDS
 
     def run(files: Sequence[str], camera: CameraProfile) -> Any:
         return run_frames(
             solver,
-            shots_of(files, arguments.interval, arguments.exposure, arguments.keep_aberration),
+            shots_of(files, arguments.interval, arguments.exposure, arguments.keep_aberration, timed=timed),
             camera,
             arguments.chain,
             show_progress,
@@ -184,9 +184,15 @@ def run_analyse(arguments: argparse.Namespace) -> int:
 
 
 def shots_of(
-    files: Sequence[str], interval_s: float | None, exposure_s: float | None, keep_aberration: bool = False
+    files: Sequence[str],
+    interval_s: float | None,
+    exposure_s: float | None,
+    keep_aberration: bool = False,
+    *,
+    timed: bool = False,
 ) -> list[Shot]:
-    """Return image files as shots. Raises BadInput, which names the file that cannot be read."""
+    """Return image files as shots. ``interval_s``: interval of the files instead of their times. Raises BadInput, which
+    names the file that cannot be read or, with ``timed`` and without an interval, states no time."""
     from gss.operations.frames.observer import observer_at
     from gss.operations.studies.night_frames import Shot
 
@@ -194,6 +200,12 @@ def shots_of(
     for k, (name, frame) in enumerate(zip(files, _frames(files), strict=True)):
         taken = frame.taken_at
         observer = None if frame.seen_at is None or keep_aberration else observer_at(frame.seen_at)
+        if taken is None and interval_s is None and timed:
+            raise BadInput(
+                "frames with an unknown time of exposure cannot be used",
+                expected="files that state their time (DATE-OBS or EXIF)",
+                got=Path(name).name,
+            )
         if taken is None or interval_s is not None:
             taken = UNTIMED_EPOCH + timedelta(seconds=(interval_s or 0.0) * k)
         exposure = frame.exposure_s if frame.exposure_s is not None else exposure_s

@@ -170,7 +170,7 @@ def _ids(text: str) -> list[int]:
 
 
 def _shots(arguments: argparse.Namespace, files: list[str]) -> list[Shot]:
-    return shots_of(files, arguments.interval, arguments.exposure, arguments.keep_aberration)
+    return shots_of(files, arguments.interval, arguments.exposure, arguments.keep_aberration, timed=True)
 
 
 def _numbers(text: str) -> list[float]:

@@ -72,11 +72,14 @@ def test_a_night_is_analysed_from_files(night: list[str], tmp_path: Path, capsys
 def test_invalid_input_is_rejected_with_a_message(
     night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Unknown kinds, cameras, files and report formats, missing rates and frames without stars give exit code 2 and a
+    """Unknown kinds, cameras, files and report formats, missing rates and times, and frames without stars give exit code 2 and a
     message."""
     blank = fits.PrimaryHDU(np.zeros((512, 1024), np.uint8))
     blank.header.update({"DATE-OBS": "2026-07-01T00:00:00", "EXPTIME": 0.25})
     blank.writeto(tmp_path / "blank.fits")
+    del blank.header["DATE-OBS"]
+    untimed = str(tmp_path / "untimed.fits")
+    blank.writeto(untimed)
     cases = (
         (["analyse", "earth-fixed", "nothing.fits", "--camera", "cubestar"], "cannot be read"),
         (["analyse", "tides", night[0], "--camera", "cubestar"], "unknown analysis"),
@@ -86,6 +89,10 @@ def test_invalid_input_is_rejected_with_a_message(
         (["calibrate", str(tmp_path / "blank.fits"), "--camera", "cubestar"], "No frame could be solved"),
         (["calibrate", night[0], "--darks"], "No camera given"),
         (["calibrate", night[0], "--camera", "cubestar", "--darks", "--flats", night[0]], "in pairs"),
+        (["analyse", "earth-fixed", night[0], untimed, "--camera", "cubestar"], "got untimed.fits"),
+        (["health", *[untimed] * 30, "--camera", "cubestar"], "unknown time"),
+        (["moving", untimed, "--camera", "cubestar"], "unknown time"),
+        (["sheet", *[untimed] * 5, "--camera", "cubestar"], "unknown time"),
     )
     for arguments, words in cases:
         assert main(arguments) == 2, arguments

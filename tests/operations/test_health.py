@@ -16,9 +16,12 @@ from gss.domain.errors import BadInput, NotFound
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames.observer import observer_at
+from gss.operations.frames.solve import Solver
+from gss.operations.studies.analyse import AnalysisRun
 from gss.operations.studies.analysis_requests import HealthRequest
 from gss.operations.studies.calibration_sheet import calibration_sheet
-from gss.operations.studies.sensor_health import orbit_within, places_below
+from gss.operations.studies.night_frames import Shot
+from gss.operations.studies.sensor_health import Surroundings, health_frames, orbit_within, places_below
 from gss.orbit.read_orbit import read_orbits
 from gss.pipeline.fixed_pattern import DarkPattern
 from gss.pipeline.readout import HotPixel
@@ -155,6 +158,17 @@ def test_a_sensor_without_the_table_gets_no_bad_pixel_table(tmp_path: Path) -> N
     finally:
         services.frames.frames.stop()
         services.base.database.close()
+
+
+def test_dark_columns_are_not_part_of_the_frames_of_the_analysis() -> None:
+    """The pixels of a file with dark columns have the coordinates of the camera."""
+    profile = shipped_camera("sunsat")
+    pixels = np.arange(profile.camera.rows * profile.camera.columns).reshape(profile.camera.rows, -1)
+    dark = np.zeros((profile.camera.rows, profile.sensor.dark_columns.count), pixels.dtype)
+    shot = Shot("file", START, 1.0, 8, lambda: profile.sensor.dark_columns.join(pixels, dark))
+    run = AnalysisRun([shot], [None], profile)
+    (frame,) = health_frames(Solver(shipped_camera), run, Surroundings())
+    assert (frame.pixels() == pixels).all()
 
 
 def test_the_position_is_below_the_orbit_while_it_is_defined() -> None:

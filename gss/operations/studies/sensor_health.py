@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gss.device.table_use import calibration_values
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.json_object import JsonObject
+from gss.operations.frames.frames import Pixels
 from gss.operations.frames.solve import Solver
 from gss.operations.studies.analyse import DEEPER_MAG, AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.health_sheet import health_report
-from gss.operations.studies.night_frames import ProgressCallback, apparent_stars
+from gss.operations.studies.night_frames import ProgressCallback, Shot, apparent_stars
 from gss.operations.studies.reported import temperature_near
 from gss.orbit.read_orbit import orbit_covering
 from gss.orbit.trajectory import Trajectory, earth_fixed_km
@@ -84,7 +87,7 @@ def health_frames(solver: Solver, run: AnalysisRun, surroundings: Surroundings) 
             shot.name,
             float(times[k]),
             sensor.exposure_s if shot.exposure_s is None else shot.exposure_s,
-            shot.pixels,
+            partial(_lit_pixels, shot, run.profile),
             result,
             apparent_stars(solver, shot).brighter_than(limit_mag),
             float(temperatures_c[k]),
@@ -92,6 +95,11 @@ def health_frames(solver: Solver, run: AnalysisRun, surroundings: Surroundings) 
         )
         for k, (shot, result) in enumerate(zip(run.shots, run.results, strict=True))
     ]
+
+
+def _lit_pixels(shot: Shot, profile: CameraProfile) -> Pixels:
+    """Return the (rows, columns) light-sensitive pixels of a shot."""
+    return profile.sensor.dark_columns.split(shot.pixels(), profile.camera.columns)[0]
 
 
 def proposal_record(proposal: Proposal) -> JsonObject:

@@ -82,7 +82,7 @@ class MissionHealth:
 
 def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor, progress: Progress) -> MissionHealth:
     """Compute the health of one camera from frames at any attitudes, in any order. Each frame is read twice. Raises
-    BadInput with fewer than 30 solved frames."""
+    BadInput with fewer than 30 solved frames, for a frame of another size, and if all have the same time."""
     solved = sorted((f for f in frames if f.solved), key=lambda f: f.time_s)
     if len(solved) < MIN_FRAMES:
         raise BadInput(
@@ -90,6 +90,8 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
             expected=f"{MIN_FRAMES} with an attitude",
             got=f"{len(solved)} of {len(frames)}",
         )
+    if solved[0].time_s == solved[-1].time_s:
+        raise BadInput("all frames have the same time", expected="frames of weeks to years")
     edges = block_edges(len(solved))
     blocks = BlockMaps(edges)
     measured: list[dict[str, tuple[float, float]]] = []
@@ -97,6 +99,12 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
     for k, frame in enumerate(solved):
         progress(0.55 * k / len(solved), f"Figures of {frame.name}, {k + 1} of {len(solved)}")
         pixels = frame.pixels()
+        if pixels.shape != (camera.rows, camera.columns):
+            raise BadInput(
+                f"{frame.name} does not have the size of the camera",
+                expected=f"{camera.columns} x {camera.rows} px",
+                got=f"{pixels.shape[1]} x {pixels.shape[0]} px",
+            )
         sky = over_sky(frame, pixels, sensor)
         level[k], noise[k] = sky.level_dn, sky.noise_dn
         measured.append(frame_figures(frame, pixels, sky, camera, sensor))

@@ -118,10 +118,10 @@ def _fit_of(series: PixelSeries) -> _Fit | None:
     dark_dn = np.maximum(smooth, 0)
     sigma = np.sqrt(series.noise_dn[measured] ** 2 + dark_dn / series.e_per_dn + (LAW_ERROR * dark_dn) ** 2)
     good = np.abs(y - smooth) < CLIP_SIGMAS * sigma
-    if np.count_nonzero(good) < MIN_FRAMES:
+    measured_good = measured[good]
+    if len(measured_good) < MIN_FRAMES or np.ptp(series.times_s[measured_good]) <= 0:
         return None
     rough = max(1.0, robust_sigma(np.diff(((y - smooth) / sigma)[good])) / float(np.sqrt(2)))
-    measured_good = measured[good]
     return _Fit(
         series.times_s[measured_good], series.drive_s[measured_good] / series.e_per_dn, y[good], sigma[good] * rough
     )

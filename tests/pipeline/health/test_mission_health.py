@@ -101,11 +101,17 @@ def test_every_figure_has_samples(mission: tuple[CameraProfile, Year, MissionHea
     assert [f.name for f in health.figures if f.trend is None] in ([], ["light of white stars"])
 
 
-def test_too_few_frames_are_rejected(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
-    """Ten frames, and frames without solutions, are rejected."""
+def test_unsuitable_frames_are_rejected(mission: tuple[CameraProfile, Year, MissionHealth]) -> None:
+    """Ten frames, frames without solutions, of one time or of another size are rejected."""
     profile, simulated, _ = mission
     with pytest.raises(BadInput, match="too few frames"):
         mission_health(simulated.frames[:10], profile.camera, profile.sensor, lambda *_: None)
     unsolved = [replace(f, result=None) for f in simulated.frames]
     with pytest.raises(BadInput, match="0 of 90"):
         mission_health(unsolved, profile.camera, profile.sensor, lambda *_: None)
+    at_once = [replace(f, time_s=START_S) for f in simulated.frames]
+    with pytest.raises(BadInput, match="the same time"):
+        mission_health(at_once, profile.camera, profile.sensor, lambda *_: None)
+    wide = [replace(f, pixels=lambda: np.zeros((300, 443), np.uint8)) for f in simulated.frames]
+    with pytest.raises(BadInput, match="443 x 300 px"):
+        mission_health(wide, profile.camera, profile.sensor, lambda *_: None)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,9 +87,11 @@ def test_quiet_pixels_and_a_constant_offset_are_not_warm() -> None:
 
 
 def test_a_pixel_without_readings_gives_no_result() -> None:
-    """A pixel without any reading gives no result."""
+    """A pixel without any reading gives no result, nor do readings of a single time."""
     series = PixelSeries(TIMES_S, np.full(FRAMES, np.nan), np.full(FRAMES, NOISE_DN), DRIVE_S, GAIN)
     assert pixel_course(series, 0, 0, WARM_E_S) is None
+    warm = replace(_series(np.full(FRAMES, 300.0), 1), times_s=np.full(FRAMES, TIMES_S[0]))
+    assert pixel_course(warm, 0, 0, WARM_E_S) is None
 
 
 def test_particles_and_stars_do_not_affect_the_trimmed_mean() -> None:
