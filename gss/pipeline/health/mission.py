@@ -24,7 +24,7 @@ from gss.pipeline.health.frame_figures import (
 )
 from gss.pipeline.health.pixel_course import PixelCourse, PixelSeries, pixel_course
 from gss.pipeline.health.pixel_search import BlockMaps, block_edges, candidates
-from gss.pipeline.health.trend import MAX_JUMPS, MIN_SAMPLES, ToleranceExit, Trend, fit_trend, tolerance_exit
+from gss.pipeline.health.trend import MAX_JUMPS, ToleranceExit, Trend, fit_trend, tolerance_exit
 
 MIN_FRAMES = 30
 WARM_SIGMAS = 3.0
@@ -41,8 +41,9 @@ Progress = Callable[[float, str], None]
 @dataclass(frozen=True)
 class FigureCourse:
     """Course of one figure over the mission: (n,) samples at Unix seconds with standard deviations. ``trend``: None
-    with too few samples. ``reference``: value in the calibration, or the fitted value at the start; ``leaves``: time at
-    which the figure leaves its tolerance, None without a tolerance; ``filtered``: None without a trend."""
+    with too few samples or samples of one time. ``reference``: value in the calibration, or the fitted value at the
+    start; ``leaves``: time at which the figure leaves its tolerance, None without a tolerance; ``filtered``: None
+    without a trend."""
 
     name: str
     unit: str
@@ -184,9 +185,10 @@ def _figure(
     value = np.array([measured[k][name][0] for k in frame_index])
     sigma = np.array([measured[k][name][1] for k in frame_index])
     t, warm = times_s[frame_index], temperature_c[frame_index]
-    if len(frame_index) < MIN_SAMPLES or np.ptp(t) <= 0:
+    try:
+        trend = fit_trend(t, value, sigma, warm, 0 if name in COUNTS else MAX_JUMPS)
+    except BadInput:
         return FigureCourse(name, FIGURES[name], t, value, sigma, warm, None, float("nan"), None, None)
-    trend = fit_trend(t, value, sigma, warm, 0 if name in COUNTS else MAX_JUMPS)
     start = float(trend.at(t[:1])[0])
     reference, tolerance = _tolerance(name, camera, start)
     leaves = None if tolerance is None else tolerance_exit(trend, reference, tolerance, float(times_s[-1]))

@@ -90,8 +90,8 @@ class ToleranceExit:
 def fit_trend(
     times_s: Array, values: Array, sigma: Array, temperature_c: Array | None = None, most_jumps: int = MAX_JUMPS
 ) -> Trend:
-    """Fit (n,) values with standard deviations at (n,) Unix seconds. Temperatures that vary by less than 3 K are
-    ignored.
+    """Fit (n,) values with standard deviations at (n,) Unix seconds. Temperatures are used if they vary by 3 K and are
+    known for 12 samples and for more than half. Samples without a temperature are then ignored.
 
     Jumps are added one by one at the sample with the largest improvement of χ². Intervals assume independent errors of
     the size of the scatter. Raises BadInput with fewer than 12 samples.
@@ -99,10 +99,12 @@ def fit_trend(
     t, y, s = (np.asarray(a, float) for a in (times_s, values, sigma))
     warm = None if temperature_c is None else np.asarray(temperature_c, float)
     good = np.isfinite(t) & np.isfinite(y) & (s > 0)
-    if warm is not None and np.isfinite(warm[good]).mean() > 0.5:
-        good &= np.isfinite(warm)
-    else:
-        warm = None
+    if warm is not None:
+        known = good & np.isfinite(warm)
+        if known.sum() >= max(MIN_SAMPLES, good.sum() // 2 + 1):
+            good = known
+        else:
+            warm = None
     if np.count_nonzero(good) < MIN_SAMPLES:
         raise BadInput(
             "too few samples for a trend", expected=f"{MIN_SAMPLES} or more", got=str(np.count_nonzero(good))

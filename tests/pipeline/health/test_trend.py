@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from gss.domain.angles import Array
+from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
+from gss.pipeline.health.mission import _figure
 from gss.pipeline.health.trend import DAY_S, Trend, fit_trend, tolerance_exit
 
 DRIFT, PER_K, JUMP = 0.01, 0.3, 3.0
@@ -84,6 +86,28 @@ def test_temperatures_that_do_not_vary_are_ignored() -> None:
     t, y, sigma, _ = _mission(2, None)
     assert fit_trend(t, y, sigma, np.full(len(t), 20.0)).per_k is None
     assert fit_trend(t, y, sigma, np.full(len(t), np.nan)).per_k is None
+
+
+def test_temperatures_that_are_known_for_few_samples_are_ignored() -> None:
+    """The temperature of eleven of twenty samples is ignored; that of twelve is used for these samples."""
+    t, y, sigma, temperature_c = (a[:20] for a in _mission(2, None))
+    temperature_c[11:] = np.nan
+    trend = fit_trend(t, y, sigma, temperature_c)
+    assert trend.per_k is None
+    assert trend.used > 12
+    temperature_c[19] = 30.0
+    trend = fit_trend(t, y, sigma, temperature_c)
+    assert trend.per_k is not None
+    assert trend.used <= 12
+
+
+def test_a_figure_that_cannot_be_fitted_has_no_trend() -> None:
+    """A figure with few samples has no trend, and the other figures are not affected."""
+    times_s, warm = np.arange(30) * DAY_S, np.full(30, np.nan)
+    measured = [{"PSF width": (1.0, 0.1)} if k < 11 else {} for k in range(30)]
+    camera = Camera.from_fov(640, 480, 0.3)
+    assert _figure("PSF width", times_s, warm, measured, camera).trend is None
+    assert _figure("centre row", times_s, warm, measured, camera).trend is None
 
 
 @pytest.mark.parametrize("count", [0, 5, 11])
