@@ -17,7 +17,8 @@ MIN_SCATTER = 0.1
 @dataclass(frozen=True)
 class FilteredCourse:
     """Filtered course of a figure: (n,) estimates at the mean temperature, each from its sample and the earlier ones,
-    and their standard deviations. ``walk_per_day``: standard deviation of the random walk in a day."""
+    and their standard deviations. Before the first sample that is not an outlier, also after a jump, they are the trend
+    with an infinite standard deviation. ``walk_per_day``: standard deviation of the random walk in a day."""
 
     values: Array
     sigma: Array
@@ -49,14 +50,16 @@ def _run(days: Array, off: Array, error: Array, starts: list[int], walk_per_day:
     levels, spread = np.empty(len(off)), np.empty(len(off))
     for k in range(len(off)):
         if k in starts:
-            variance = np.inf
+            level, variance = 0.0, np.inf
         elif k:
             variance += walk_per_day**2 * (days[k] - days[k - 1])
         error2 = float(error[k]) ** 2
         if not np.isfinite(off[k]) or error2 <= 0:
             pass
         elif np.isinf(variance):
-            level, variance = float(off[k]), error2
+            # The filter does not start from an outlier, because its later estimates would stay near it.
+            if float(off[k]) ** 2 < CLIP_SIGMAS**2 * error2:
+                level, variance = float(off[k]), error2
         else:
             total_variance = variance + error2
             surprise = (float(off[k]) - level) ** 2 / total_variance

@@ -8,6 +8,7 @@ import pytest
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
+from gss.pipeline.health.filtered import filtered_course
 from gss.pipeline.health.mission import _figure
 from gss.pipeline.health.trend import DAY_S, Trend, fit_trend, tolerance_exit
 
@@ -108,6 +109,23 @@ def test_a_figure_that_cannot_be_fitted_has_no_trend() -> None:
     camera = Camera.from_fov(640, 480, 0.3)
     assert _figure("PSF width", times_s, warm, measured, camera).trend is None
     assert _figure("centre row", times_s, warm, measured, camera).trend is None
+
+
+@pytest.mark.parametrize("jump_at", [None, 60])
+def test_the_filter_does_not_start_from_an_outlier(jump_at: int | None) -> None:
+    """An outlier as the first sample, or as the first one after a jump, does not change later estimates."""
+    t, sigma = 1.7e9 + DAY_S * np.arange(120), np.full(120, 0.02)
+    y = 1000 + 0.02 * np.random.default_rng(3).normal(size=120)
+    y[jump_at or 120 :] += 0.5
+    unknown = np.full(120, np.nan)
+    start, courses = jump_at or 0, []
+    for off in (0.0, 0.4):
+        y[start] += off
+        courses.append(filtered_course(t, y, sigma, unknown, fit_trend(t, y, sigma)))
+    later = np.arange(120) > start + 2
+    assert np.abs(courses[1].values - courses[0].values)[later].max() < 0.02
+    assert courses[1].sigma[later].max() < 0.02
+    assert np.isinf(courses[1].sigma[start])
 
 
 @pytest.mark.parametrize("count", [0, 5, 11])
