@@ -29,6 +29,12 @@ class Spot:
     ratio: float
     direction_rad: float
 
+    @property
+    def covariance_px2(self) -> Array:
+        """Return the (2, 2) second moments of the fitted Gaussian, without the integration over pixels."""
+        long = np.array([np.cos(self.direction_rad), np.sin(self.direction_rad)])
+        return self.sigma_px**2 * (np.eye(2) / self.ratio + (self.ratio - 1 / self.ratio) * np.outer(long, long))
+
 
 def fit_spots(image: NDArray[Any], detections: Detections, saturation_dn: float, snr: float) -> list[Spot]:
     """Fit the stars of a frame that are bright, complete, unsaturated and isolated."""

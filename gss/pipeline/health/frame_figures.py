@@ -120,12 +120,15 @@ def _lit(
     """Return a (rows, columns) mask, True under catalogue stars."""
     positions, v_mag, _ = _on_detector(frame, result, BESIDE_PX)
     light_dn = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn
-    trails = np.zeros_like(positions)
-    if result.turning is not None and len(positions):
-        trails = np.nan_to_num(
-            trail_per_rad(result.camera, positions) @ (result.turning.vector_rad_s * frame.exposure_s)
-        )
+    trails = _trails_px(result, positions, frame.exposure_s)
     return star_mask(shape, positions, light_dn, trails, sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2, noise_dn)
+
+
+def _trails_px(result: SolveResult, positions: Array, exposure_s: float) -> Array:
+    """Return the (m, 2) trails of stars at (m, 2) positions; zero if the rotation of the camera was not measured."""
+    if result.turning is None or not len(positions):
+        return np.zeros_like(positions)
+    return np.nan_to_num(trail_per_rad(result.camera, positions) @ (result.turning.vector_rad_s * exposure_s))
 
 
 def frame_figures(
@@ -141,7 +144,7 @@ def frame_figures(
     counts = dict(zip(COUNTS, (matched, unexplained), strict=True))
     return {
         **lens_figures(frame, result, camera),
-        **_focus(pixels, sensor),
+        **_focus(result, pixels, frame.exposure_s, sensor),
         **_light(result, frame, sky.excess_dn, sky.noise_dn, sensor),
         **{name: (float(n), max(1.0, float(np.sqrt(n)))) for name, n in counts.items()},
     }
@@ -196,7 +199,11 @@ def lens_figures(frame: HealthFrame, result: SolveResult, camera: Camera) -> dic
     }
 
 
-def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float]]:
+def _focus(
+    result: SolveResult, pixels: NDArray[Any], exposure_s: float, sensor: Sensor
+) -> dict[str, tuple[float, float]]:
+    """Return the median width of the stars across their trails. If the rotation was not measured, the trails are short, and
+    their direction is the long axis of the typical star."""
     detections = find_stars(
         pixels,
         psf_sigma_px=sensor.psf_sigma_px,
@@ -204,8 +211,15 @@ def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float
         e_per_dn=sensor.gain_e_per_dn,
     )
     spots = fit_spots(pixels, detections, float(sensor.saturation_dn), FOCUS_SNR)
-    widths = np.array([s.sigma_px for s in spots])
-    return {"PSF width": _middle(widths, 0.05)} if len(widths) >= FOCUS_STARS else {}
+    if len(spots) < FOCUS_STARS:
+        return {}
+    shapes = np.array([s.covariance_px2 for s in spots])
+    across = np.broadcast_to(np.linalg.eigh(np.median(shapes, axis=0))[1][:, 0], (len(spots), 2))
+    if result.turning is not None:
+        trails = _trails_px(result, np.array([(s.col_px, s.row_px) for s in spots]), exposure_s)
+        length = np.maximum(np.linalg.norm(trails, axis=1, keepdims=True), 1e-9)
+        across = trails[:, ::-1] * np.array([-1.0, 1.0]) / length
+    return {"PSF width": _middle(np.sqrt(np.einsum("ni,nij,nj->n", across, shapes, across)), 0.05)}
 
 
 def count_hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> int:
@@ -231,22 +245,25 @@ def lost_light_mag(
     result: SolveResult, frame: HealthFrame, excess_dn: Map, noise_dn: float, sensor: Sensor
 ) -> tuple[Array, Array]:
     """Return measured minus catalogue magnitude of the (m,) bright stars of a frame, positive if light is lost, and their
-    B−V. A wide aperture is used, so a change of focus does not appear as a change of sensitivity."""
+    B−V. A wide aperture around the whole trail is used, so a change of focus or a rotation does not appear as a change of
+    sensitivity."""
     positions, v_mag, b_v = _on_detector(frame, result, 0.0)
-    reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
+    half_trail = np.abs(_trails_px(result, positions, frame.exposure_s)) / 2
+    reach = np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px + half_trail).astype(int)
     flux = np.full(len(positions), np.nan)
-    bright = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn > MIN_APERTURE_SNR * noise_dn * (
-        2 * reach + 1
-    )
+    noise = noise_dn * np.sqrt(np.prod(2 * reach + 1, axis=1))
+    bright = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn > MIN_APERTURE_SNR * noise
     gap = np.linalg.norm(positions[:, None] - positions[None, bright], axis=2).T
     # Stars with much light from neighbours in the aperture are excluded.
     fainter = 10 ** (-0.4 * (v_mag[None, :] - v_mag[bright][:, None]))
-    alone = (np.where((gap < 2 * reach) & (gap > 0), fainter, 0.0).sum(axis=1)) < NEIGHBOUR_SHARE
+    alone = (
+        np.where((gap < 2 * reach[bright].max(axis=1)[:, None]) & (gap > 0), fainter, 0.0).sum(axis=1)
+    ) < NEIGHBOUR_SHARE
     for k in np.flatnonzero(bright)[alone]:
-        col, row = (int(v) for v in np.rint(positions[k]))
-        if not (reach <= col < excess_dn.shape[1] - reach and reach <= row < excess_dn.shape[0] - reach):
+        (col, row), (across, down) = np.rint(positions[k]).astype(int), reach[k]
+        if not (across <= col < excess_dn.shape[1] - across and down <= row < excess_dn.shape[0] - down):
             continue
-        cut = excess_dn[row - reach : row + reach + 1, col - reach : col + reach + 1]
+        cut = excess_dn[row - down : row + down + 1, col - across : col + across + 1]
         if cut.max() < CLIPPED_SHARE * sensor.saturation_dn - sensor.bias_dn:
             flux[k] = cut.sum()
     good = flux > 0
