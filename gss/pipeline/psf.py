@@ -261,6 +261,15 @@ class Measured(NamedTuple):
     touched: NDArray[np.bool_]
 
 
+def brightest_dn(image: NDArray[Any], pixels: Array) -> Array:
+    """Return the (n,) brightest values of the (rows, columns) image within one pixel of (n, 2) positions. In contrast to
+    ``Measured.peak``, it includes saturated pixels and the sky."""
+    near = np.arange(-1, 2)
+    col = np.clip(np.rint(pixels[:, 0]).astype(np.intp)[:, None, None] + near, 0, image.shape[1] - 1)
+    row = np.clip(np.rint(pixels[:, 1]).astype(np.intp)[:, None, None] + near[:, None], 0, image.shape[0] - 1)
+    return np.asarray(image[row, col].max(axis=(1, 2)), float)
+
+
 def measure_stars(
     image: NDArray[Any],
     col: NDArray[np.intp],

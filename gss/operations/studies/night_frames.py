@@ -202,6 +202,7 @@ def matched_stars(
         time_s=shot.taken.timestamp(),
         streak_px=trails,
         saturation_dn=saturation_dn,
+        pixels=pixels,
     )
 
 

@@ -231,14 +231,15 @@ def _as_light(rho2_mag: float, rho4_mag: float) -> tuple[float, float]:
 def _saturation(
     light: Light, frames: Sequence[FrameStars], used: NDArray[np.bool_], zero: float, exposure_s: float
 ) -> tuple[float, float]:
-    """Return the peak level of saturation, and the V magnitude at which a typical star reaches this level at the
-    typical exposure."""
+    """Return the peak level of saturation, and the V magnitude at which a typical star reaches this level above the typical
+    sky at the typical exposure."""
     limit = min((f.saturation_dn for f in frames), default=float("inf"))
     share = light.peak_dn[used] / light.flux_dn[used]
     share = share[np.isfinite(share) & (share > 0)]
-    if not np.isfinite(limit) or not len(share):
+    above_dn = limit - float(np.median([f.sky_dn for f in frames]))
+    if not np.isfinite(limit) or not len(share) or above_dn <= 0:
         return float("nan") if not np.isfinite(limit) else limit, float("nan")
-    flux_dn = limit / float(np.percentile(share, 75))
+    flux_dn = above_dn / float(np.percentile(share, 75))
     return limit, float(zero - 2.5 * np.log10(flux_dn / exposure_s))
 
 

@@ -23,8 +23,8 @@ MAG = 2.5 / float(np.log(10))
 
 @dataclass(frozen=True)
 class Light:
-    """Measurements of the n stars of all frames. ``rho``: distance from the optical centre divided by the distance of
-    the farthest corner. ``below_dn``: n·Δth of eq. C.1."""
+    """Measurements of the n stars of all frames. ``peak_dn``: above the sky; ``rho``: distance from the optical centre
+    divided by the distance of the farthest corner. ``below_dn``: n·Δth of eq. C.1."""
 
     frame: NDArray[np.intp]
     hip: Ids
@@ -79,7 +79,7 @@ def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float |
         np.concatenate([f.v_mag for f in frames]),
         np.where(np.isfinite(b_v), b_v, 0.6),
         np.concatenate([f.flux_dn for f in frames]),
-        np.concatenate([f.peak_dn for f in frames]),
+        np.concatenate([f.peak_dn - f.sky_dn for f in frames]),
         np.repeat(exposure, counts),
         rho / corner_radius(camera),
         np.concatenate([f.area_px * t for f, t in zip(frames, thresholds, strict=True)]),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids, SolveResult
 from gss.domain.stars import Ids, StarTable
+from gss.pipeline.psf import brightest_dn
 
 CLIPPED_SHARE = 0.98
 PER_STAR = ("sigma_px", "hip", "v_mag", "b_v", "flux_dn", "peak_dn", "area_px")
@@ -22,7 +24,8 @@ class FrameStars:
 
     ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) apparent unit vectors
     (epoch of the night; with aberration if it matters for a wide field and small errors). ``flux_dn``: above the
-    background. ``streak_px``: length of the trails. ``saturation_dn``: level at and above which a peak is saturated.
+    background. ``streak_px``: length of the trails. ``peak_dn``: brightest pixel; ``saturation_dn``: level of a saturated
+    peak; ``sky_dn``: level of the sky, 0 if the peaks are above the sky.
     """
 
     name: str
@@ -41,6 +44,7 @@ class FrameStars:
     time_s: float = float("nan")
     streak_px: float = 0.0
     saturation_dn: float = float("inf")
+    sky_dn: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.pixels)
@@ -80,9 +84,11 @@ def frame_stars(
     time_s: float = float("nan"),
     streak_px: float = 0.0,
     saturation_dn: float = float("inf"),
+    pixels: NDArray[Any] | None = None,
 ) -> FrameStars | None:
     """Return the matches of a solved frame that were used for its attitude. None without a solution. Stars that are not
-    in ``stars`` are omitted."""
+    in ``stars`` are omitted. ``pixels``: (rows, columns) frame, from which peaks and sky are read. Without it, the peaks
+    are those of the chain, which can be above the sky and without saturated pixels."""
     if result.matches is None or result.attitude is None:
         return None
     row_of = stars.row_of_hip
@@ -90,7 +96,10 @@ def frame_stars(
     rows = np.array([row_of[int(result.matches.hip[k])] for k in used], np.intp)
     centroids = result.centroids.take(result.matches.centroid[used].astype(np.intp))
     size = (result.camera.columns, result.camera.rows)
-    return of_centroids(name, size, centroids, stars, rows, exposure_s, time_s, streak_px, saturation_dn)
+    frame = of_centroids(name, size, centroids, stars, rows, exposure_s, time_s, streak_px, saturation_dn)
+    if pixels is None:
+        return frame
+    return replace(frame, peak_dn=brightest_dn(pixels, centroids.pixels), sky_dn=float(np.median(pixels)))
 
 
 def of_centroids(

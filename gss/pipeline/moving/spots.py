@@ -23,6 +23,7 @@ from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.moving.groups import PEAK_SIGMA, pixel_groups
 from gss.pipeline.moving.line_fit import POINT, WIDTH, cut_out, fit_line
 from gss.pipeline.moving.sources import Source, fitted_source, without_pieces
+from gss.pipeline.psf import brightest_dn
 from gss.pipeline.star_mask import star_mask
 from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
@@ -149,7 +150,7 @@ def _photometry(
         return None
     gap = np.linalg.norm(spots[:, None] - star_px[None], axis=2)
     star = np.array([np.argmin(v_mag + np.where(g < STAR_GATE_PX, 0.0, 100.0)) for g in gap])
-    good = (gap[np.arange(len(spots)), star] < STAR_GATE_PX) & (detections.centroids.peak_dn < 0.8 * ceiling)
+    good = (gap[np.arange(len(spots)), star] < STAR_GATE_PX) & (brightest_dn(image, spots) < 0.8 * ceiling)
     if np.count_nonzero(good) < 3:
         return None
     rows = np.flatnonzero(good)
