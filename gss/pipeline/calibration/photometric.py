@@ -36,7 +36,7 @@ class PhotometricCalibration:
     """Photometric calibration of a camera. ``zero_point_mag``: V of one DN per second, B−V = 0, on axis, with a σ that
     includes differences between the frames; ``zero_point_dn_s``: DN per second of V = 0, and ``zero_point_e_s`` in
     electrons (NaN without gain). ``k_illum_lux_per_dn``: illuminance per summed brightness at ``exposure_s`` (eq. C.2,
-    6.24). ``k_area``: eq. C.1, 0 with σ NaN if no threshold was given.
+    6.24). ``k_area``: eq. C.1, 0 with σ NaN if no threshold was given or the fitted value is negative.
 
     ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, where ρ is the distance from the optical centre divided by the distance of
     the corner; ``corner_loss`` = 1 − light at ρ = 1, 0 with σ NaN if all stars are near the centre. ``linearity``:

@@ -89,7 +89,7 @@ def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float |
 
 def measure(light: Light, usable: NDArray[np.bool_]) -> tuple[Linear, float, tuple[str, ...]]:
     """Return the robust fit, k_area, and the names of its coefficients: zero; colour and powers of ρ if the stars
-    determine them; area if a threshold was subtracted."""
+    determine them; area if a threshold was subtracted and k_area is positive."""
     names = ["zero"]
     if np.ptp(np.percentile(light.b_v[usable], [10, 90])) > COLOUR_RANGE:
         names.append("colour")
@@ -111,9 +111,9 @@ def measure(light: Light, usable: NDArray[np.bool_]) -> tuple[Linear, float, tup
     for _ in range(AREA_ROUNDS):
         flux = (light.flux_dn + k_area * light.below_dn)[usable]
         slope = -MAG * light.below_dn[usable] / flux
-        fit = fit_linear(np.column_stack([base, slope]), (light.v_mag - light.instrumental_mag(k_area))[usable])
-        k_area = max(0.0, k_area + float(fit.coefficients[-1]))
-    return fit, k_area, (*names, "area")
+        with_area = fit_linear(np.column_stack([base, slope]), (light.v_mag - light.instrumental_mag(k_area))[usable])
+        k_area = max(0.0, k_area + float(with_area.coefficients[-1]))
+    return (with_area, k_area, (*names, "area")) if k_area > 0 else (fit, 0.0, tuple(names))
 
 
 def frame_variance(frame: NDArray[np.intp], error_mag: Array) -> float:

@@ -168,6 +168,21 @@ def test_area_factor_corrects_the_loss_below_a_threshold(star_frames: StarFrames
         calibrate_photometry(frames, camera, threshold_above_dark_dn=[1.0])
 
 
+def test_a_negative_area_factor_is_not_fitted(star_frames: StarFrames, profile_of: ProfileOf) -> None:
+    """If the fitted k_area is negative, it is 0, and the zero point is that of a fit without it."""
+    camera, rng = profile_of("cubestar").camera, np.random.default_rng(3)
+    frames = []
+    for f in _with_flux(star_frames(camera, limit_mag=5.0), 12.0, rng):
+        area = np.rint(np.clip(4 * np.log(f.flux_dn), 4, None)).astype(np.int32)
+        frames.append(replace(f, flux_dn=f.flux_dn + 2 * area, area_px=area))
+    calibration = calibrate_photometry(frames, camera, threshold_above_dark_dn=3.0)
+    without = calibrate_photometry(frames, camera)
+    assert calibration.k_area == 0
+    assert np.isnan(calibration.k_area_sigma)
+    assert calibration.zero_point_mag == without.zero_point_mag
+    assert calibration.error_mag[calibration.used].mean() == pytest.approx(0, abs=0.01)
+
+
 def test_photometric_faults_are_reported(star_frames: StarFrames, profile_of: ProfileOf) -> None:
     """Clipped stars, a cloud and a nonlinear converter each give a warning. The first two change the zero point by at
     most 0.05 mag.
