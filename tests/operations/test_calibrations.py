@@ -229,7 +229,7 @@ def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> No
 
 def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
     """Darks and flats give a gain of five electrons per digital number, and the hot pixel at its position. The report
-    states that the read noise, which needs a dark pair, is not determined."""
+    states that the read noise, which needs a dark pair, is not determined. Signals are above the dark frames."""
     services = night.services
     wanted = from_darks(night.darks, night.flats)
     job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
@@ -239,6 +239,7 @@ def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
     assert row.result["dark"]["hot"][0] == [200, 100]
     facts = {fact.label: fact.value for section in calibration_sheet(row).sections for fact in section.facts}
     assert facts["read noise"] == "not determined"
+    assert row.result["photon_transfer"]["signal_dn"] == pytest.approx([18.0, 58.0, 118.0], abs=0.2)
 
 
 def test_exports_are_readable_by_other_software(night: Night, calibrated: int) -> None:

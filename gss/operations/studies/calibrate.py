@@ -176,8 +176,11 @@ def from_darks(
     if flat_pairs:
         progress(0.5, f"{len(flat_pairs)} pairs of flat fields")
         flats = [stack(pair, profile).astype(np.float32) for pair in flat_pairs]
+        # The dark frames contain dark current. They give the level without light, but not bias and read noise.
         curve = photon_transfer(
-            [FlatPair(f[0], f[1]) for f in flats], saturation_dn=float(profile.sensor.saturation_dn)
+            [FlatPair(f[0], f[1]) for f in flats],
+            saturation_dn=float(profile.sensor.saturation_dn),
+            dark_dn=dark.typical_dn,
         )
         even = pixel_response(_same_level(np.concatenate(flats) - dark.median_dn), 0.0)
         result |= {"photon_transfer": report.photon_transfer(curve), "response": report.response(even)}

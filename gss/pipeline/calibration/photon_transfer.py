@@ -39,7 +39,8 @@ class PhotonTransfer:
     """Result of a photon transfer measurement. ``read_noise_e``: read noise including quantisation, from the dark pair,
     NaN without a dark pair or if its frames are equal. ``bias_dn``: bias from the dark pair, NaN without a dark pair.
     ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal at which the variance starts to
-    decrease, NaN if not reached. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
+    decrease, NaN if not reached. Both are NaN if the level without light is unknown. Per level: ``signal_dn`` above
+    this level, or above zero if it is unknown, ``variance_dn2`` of one frame, ``fitted``.
     ``nonlinearity``: largest relative deviation of the variance of a fitted level from the line."""
 
     gain_e_per_dn: float
@@ -57,36 +58,51 @@ class PhotonTransfer:
 
 
 def photon_transfer(
-    pairs: Sequence[FlatPair], dark_pair: FlatPair | None = None, saturation_dn: float | None = None
+    pairs: Sequence[FlatPair],
+    dark_pair: FlatPair | None = None,
+    saturation_dn: float | None = None,
+    dark_dn: float = float("nan"),
 ) -> PhotonTransfer:
     """Measure from pairs at several levels. ``dark_pair``: two dark frames of the shortest exposure, from which bias
-    and read noise are measured. Both need it: the line through the levels only gives read² − bias/gain."""
+    and read noise are measured. Both need it: the line through the levels only gives read² − bias/gain. ``dark_dn``:
+    level without light, used for the signals without a dark pair. Raises BadInput for too few levels, a pair of equal
+    frames, frames of different sizes, and if the variance does not increase."""
     levels = [_level(p) for p in pairs]
     dark = None if dark_pair is None else _level(dark_pair)
-    bias = 0.0 if dark is None else dark[0]
-    signal = np.array([mean - bias for mean, _, _, _ in levels])
+    zero_dn = dark_dn if dark is None else dark[0]
+    signal = np.array([mean - (zero_dn if np.isfinite(zero_dn) else 0.0) for mean, _, _, _ in levels])
     variance = np.array([v for _, v, _, _ in levels])
     pixels = float(np.mean([n for *_, n in levels])) if levels else 0.0
     clipped = np.array([_clips(p, saturation_dn) for p in pairs], bool)
+    equal = np.flatnonzero((variance <= 0) & ~clipped)
+    if len(equal):
+        raise BadInput(
+            "the two frames of a pair are equal",
+            expected="two exposures of the same light",
+            got=f"pair {equal[0] + 1} without noise",
+        )
     fitted = _rising(signal, variance) & ~clipped
-    if fitted.sum() < MIN_LEVELS - (dark is not None):
+    noisy_dark = dark if dark is not None and dark[1] > 0 else None
+    if fitted.sum() < MIN_LEVELS - (noisy_dark is not None):
         raise BadInput(
             "too few levels of light for a photon transfer curve",
             expected=f"{MIN_LEVELS} below saturation, {MIN_LEVELS - 1} with a dark pair",
             got=str(int(fitted.sum())),
             hint="take pairs of flats from nearly dark to half the converter's range",
         )
-    slope, gain_sigma, departure = _line(signal[fitted], variance[fitted], dark, pixels)
+    slope, gain_sigma, departure = _line(signal[fitted], variance[fitted], noisy_dark, pixels)
     gain = 1 / slope
     read = read_sigma = float("nan")
-    if dark is not None and dark[1] > 0:
-        read = float(np.sqrt(dark[1])) * gain
+    if noisy_dark is not None:
+        read = float(np.sqrt(noisy_dark[1])) * gain
         # A variance measured on n pixels has a relative error of √(2/n).
         read_sigma = read * float(np.hypot(np.sqrt(2 / pixels) / 2, gain_sigma / gain))
-    full = float(signal[~fitted].min() * gain) if (~fitted).any() else float("nan")
-    response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
-    advice = tuple(_advice(dark is not None, departure, full))
-    bias_dn = float("nan") if dark is None else bias
+    full = response = float("nan")
+    if np.isfinite(zero_dn):
+        full = float(signal[~fitted].min() * gain) if (~fitted).any() else full
+        response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
+    advice = tuple(_advice(dark is not None, departure, bool(fitted.all()), float(zero_dn)))
+    bias_dn = float("nan") if dark is None else dark[0]
     return PhotonTransfer(
         gain, gain_sigma, read, read_sigma, bias_dn, response, full, departure, signal, variance, fitted, advice
     )
@@ -110,15 +126,16 @@ def _line(
     return slope, float(np.sqrt(fit.covariance[0, 0])) / slope**2, departure
 
 
-def _advice(with_dark: bool, departure: float, full_well_e: float) -> list[Advice]:
+def _advice(with_dark: bool, departure: float, below_full: bool, zero_dn: float) -> list[Advice]:
     advice: list[Advice] = []
     if not with_dark:
-        text = "no dark pair: the read noise is unknown, and signals count from zero DN"
+        unknown = "bias and read noise" if np.isfinite(zero_dn) else "bias, read noise, full well and response"
+        text = f"no dark pair of the shortest exposure: {unknown} are unknown"
         advice.append(Advice("no-dark", text, "add two frames with the lens covered, shortest exposure"))
     if departure > NOT_LINEAR:
         text = f"variances depart by up to {departure:.0%} from a line"
         advice.append(Advice("not-linear", text, "use even light, no automatic gain, and raw frames"))
-    if not np.isfinite(full_well_e):
+    if below_full:
         text = "no level reached saturation: the full well is unknown"
         advice.append(Advice("no-full-well", text, "add brighter pairs"))
     return advice

@@ -35,11 +35,14 @@ def robust_sigma(values: Array) -> float:
 
 
 def fit_linear(design: Array, data: Array, sigma: Array | None = None) -> Linear:
-    """Fit (n,) data to (n, p) columns by robust least squares. Outliers beyond 5 σ of the scatter are rejected."""
+    """Fit (n,) data to (n, p) columns by robust least squares. Outliers beyond 5 σ of the scatter are rejected. Raises
+    BadInput for too few data or a σ that is not positive."""
     n, p = design.shape
     if n <= p:
         raise BadInput("too few points for this fit", expected=f"more than {p}", got=str(n))
     scale = np.ones(n) if sigma is None else np.asarray(sigma, float)
+    if not (scale > 0).all():
+        raise BadInput("a standard deviation is not positive", expected="> 0", got=f"{scale.min():g}")
     weight, used = 1 / scale**2, np.ones(n, bool)
     coefficients = np.zeros(p)
     size = np.linalg.norm(design, axis=0)

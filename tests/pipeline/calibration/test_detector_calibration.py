@@ -20,6 +20,7 @@ from gss.pipeline.calibration.dark_temperature import EXPONENT_K, dark_against_t
 from gss.pipeline.calibration.focus import best_focus, centroid_error_px, focus_advice, interpolation_error_px
 from gss.pipeline.calibration.photon_transfer import FlatPair, photon_transfer
 from gss.pipeline.calibration.psf_field import psf_over_field
+from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.chip import Chip, make_chip
 from gss.pipeline.readout import expose
 from gss.pipeline.render import spots
@@ -98,6 +99,47 @@ def test_photon_transfer_without_a_dark_pair_gives_a_warning(profile_of: Profile
         photon_transfer([FlatPair(pairs[0].first, pairs[0].second[:50])])
     smooth = [FlatPair(*(gaussian_filter(f.astype(float), 2) for f in (p.first, p.second))) for p in pairs]
     assert photon_transfer(smooth).gain_e_per_dn > 50  # smoothed frames lack photon noise, so the gain is too high
+
+
+def test_full_well_and_response_need_the_level_without_light() -> None:
+    """With a bias of 30 DN and a full well of 6000 e, the full well and the response are measured from the dark level. They
+    are NaN if it is unknown, also for a level that reaches saturation."""
+    rng = np.random.default_rng(1)
+    response = 1 + 0.01 * rng.normal(size=SIZE)
+
+    def flat(level_e: float) -> np.ndarray:
+        return np.rint(30 + np.minimum(rng.poisson(level_e * response), 6000) / 40 + rng.normal(0, 0.6, SIZE))
+
+    pairs = [FlatPair(flat(e), flat(e)) for e in (300, 900, 1800, 3000, 4500, 5500, 6200, 7000)]
+    unknown = photon_transfer(pairs, saturation_dn=255)
+    assert np.isnan([unknown.full_well_e, unknown.response_sigma]).all()
+    assert "no-full-well" not in {w.code for w in unknown.warnings}
+    known = photon_transfer(pairs, saturation_dn=255, dark_dn=30.0)
+    assert known.full_well_e == pytest.approx(6000, rel=0.03)
+    assert known.response_sigma == pytest.approx(0.01, rel=0.1)
+    assert np.isnan([known.bias_dn, known.read_noise_e]).all()
+    assert known.gain_e_per_dn == pytest.approx(unknown.gain_e_per_dn)
+
+
+def test_equal_frames_are_rejected_as_flats_and_give_no_read_noise() -> None:
+    """A flat frame given twice is rejected with its number. A dark frame given twice gives the bias only."""
+    rng = np.random.default_rng(1)
+
+    def frame(level_e: float) -> np.ndarray:
+        return np.rint(100 + rng.poisson(level_e, SIZE) / 2 + rng.normal(0, 1.5, SIZE))
+
+    pairs = [FlatPair(frame(e), frame(e)) for e in (200, 500, 1000, 3000, 6000)]
+    for k in (0, 2):
+        twice = [FlatPair(p.first, p.first) if k == i else p for i, p in enumerate(pairs)]
+        with pytest.raises(BadInput, match=f"equal.*pair {k + 1} "):
+            photon_transfer(twice)
+    dark = frame(0.0)
+    transfer = photon_transfer(pairs, FlatPair(dark, dark))
+    assert transfer.gain_e_per_dn == pytest.approx(2.0, rel=0.02)
+    assert transfer.bias_dn == pytest.approx(100, abs=0.1)
+    assert np.isnan(transfer.read_noise_e)
+    with pytest.raises(BadInput, match="not positive"):
+        fit_linear(np.ones((3, 1)), np.ones(3), np.array([1.0, 0.0, 1.0]))
 
 
 @pytest.mark.parametrize("name", ["cubestar", "far_mst", "sunsat"])
