@@ -50,11 +50,41 @@ SOURCES: dict[str, str] = {
     "of 1 % and companions",
     "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
+LIMITS: dict[str, tuple[float, float]] = {
+    "threshold_dn": (1, 20_000),
+    "coarse_block_px": (1, 32),
+    "coarse_sigmas": (0.5, 50),
+    "window_px": (3, 4),
+    "gain": (0.3, 10),
+    "dn_at_mag_0": (100, 1e8),
+    "light_share": (0.05, 1),
+    "magnitude_error": (0.05, 5),
+    "tolerance_rad": (1e-6, 2e-3),
+    "capture_rad": (1e-4, 0.1),
+    "assisted_radius_rad": (0.01, np.pi),
+    "max_invalid": (0, 1_000),
+    "saturation_dn": (10, 1e6),
+    "min_area_px": (1, 60),
+    "max_area_px": (10, 100_000),
+    "floor_px": (1e-3, 1),
+    "gain_e_per_dn": (0.01, 10_000),
+    "noise_dn": (0.05, 1_000),
+    "max_hypotheses": (1, 40_000),
+    "max_centroids": (3, 100),
+    "min_verified_lost": (2, 100),
+    "min_verified_assisted": (2, 100),
+    "min_verified_tracking": (2, 100),
+    "max_false_probability": (1e-12, 1),
+    "max_small_regions": (0, 10_000),
+}
+"""Lowest and highest value of each number that a rerun can change."""
 
 
 @dataclass(frozen=True)
 class AimParameters:
     """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the frame's dark mean."""
+
+    limits = LIMITS
 
     threshold_dn: float
     dn_at_mag_0: float

@@ -44,11 +44,32 @@ SOURCES: dict[str, str] = {
     "noise": "from the profile's sensor; the floor of 0.05 px is the size of Erlank 2013 §4.1.6's errors without noise",
     "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
+LIMITS: dict[str, tuple[float, float]] = {
+    "threshold_dn": (1, 20_000),
+    "min_area_px": (1, 60),
+    "max_area_px": (10, 100_000),
+    "max_invalid": (0, 1_000),
+    "max_centroids": (3, 100),
+    "search_step_px": (1, 30),
+    "window_px": (3, 15),
+    "tolerance_rad": (1e-5, 0.01),
+    "vote_margin": (0, 10),
+    "min_verified_lost": (2, 100),
+    "min_verified_assisted": (2, 100),
+    "min_verified_tracking": (2, 100),
+    "max_false_probability": (1e-12, 1),
+    "tracking_radius_rad": (1e-4, 0.1),
+    "assisted_radius_rad": (0.01, np.pi),
+    "max_small_regions": (0, 10_000),
+}
+"""Lowest and highest value of each number that a rerun can change."""
 
 
 @dataclass(frozen=True)
 class CubestarParameters:
     """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the frame's black level."""
+
+    limits = LIMITS
 
     threshold_dn: float
     tolerance_rad: float

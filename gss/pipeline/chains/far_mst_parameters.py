@@ -63,12 +63,40 @@ SOURCES: dict[str, str] = {
     "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
     "max_small_regions": "GSS: maximum number of regions below min_area_px in the report of a frame, which limits its size",
 }
+LIMITS: dict[str, tuple[float, float]] = {
+    "threshold_dn": (0.5, 20_000),
+    "threshold_sigma": (0.5, 50),
+    "noise_dn": (0.05, 100),
+    "gain_e_per_dn": (0.01, 10_000),
+    "saturation_dn": (10, 1e6),
+    "psf_sigma_px": (0.2, 5),
+    "prefilter_count": (1, 25),
+    "min_area_px": (1, 60),
+    "max_area_px": (10, 100_000),
+    "max_aspect_ratio": (1, 100),
+    "max_lit_share": (1e-3, 1),
+    "max_centroids": (3, 100),
+    "max_vertex_stars": (3, 32),
+    "most_figures": (0, 6_000),
+    "most_hypotheses": (1, 1_500),
+    "sigmas": (0.5, 12),
+    "floor_px": (0.01, 1),
+    "tracking_radius_rad": (1e-3, 0.2),
+    "assisted_radius_rad": (0.01, np.pi),
+    "max_false_probability": (1e-12, 1),
+    "min_identified": (2, 100),
+    "min_share": (0, 1),
+    "max_small_regions": (0, 10_000),
+}
+"""Lowest and highest value of each number that a rerun can change."""
 
 
 @dataclass(frozen=True)
 class FarMstParameters:
     """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the dark level.
     ``dark_dn``: (rows, columns) dark frame or None. ``noise_dn``: standard deviation of a dark pixel."""
+
+    limits = LIMITS
 
     threshold_sigma: float
     noise_dn: float

@@ -44,11 +44,34 @@ SOURCES: dict[str, str] = {
     "rendered frames with all stars to V 7, whose light also falls into the window",
     "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
+LIMITS: dict[str, tuple[float, float]] = {
+    "threshold_dn": (1, 20_000),
+    "dn_at_mag_0": (100, 1e8),
+    "uncertainty_rad": (1e-5, 0.01),
+    "window_px": (5, 31),
+    "min_area_px": (1, 60),
+    "max_area_px": (10, 100_000),
+    "max_invalid": (0, 1_000),
+    "max_centroids": (3, 200),
+    "capture_rad": (1e-4, 0.1),
+    "assisted_radius_rad": (0.01, np.pi),
+    "min_verified_lost": (2, 100),
+    "min_verified_assisted": (2, 100),
+    "min_verified_tracking": (2, 100),
+    "triplets_alone": (0, 1_000),
+    "max_false_probability": (1e-12, 1),
+    "averaged": (1, 20),
+    "saturation_dn": (10, 1e6),
+    "max_small_regions": (0, 10_000),
+}
+"""Lowest and highest value of each number that a rerun can change."""
 
 
 @dataclass(frozen=True)
 class OerstedParameters:
     """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the frame's black level."""
+
+    limits = LIMITS
 
     threshold_dn: float
     dn_at_mag_0: float

@@ -33,13 +33,15 @@ def names(parameters: Any) -> tuple[str, ...]:
 
 def with_options(parameters: P, options: Mapping[str, str]) -> P:
     """Return the parameters with the given constants replaced. Raises BadInput for an unknown name (listing the valid ones), a
-    value of another type, or one that the chain rejects."""
+    value of another type, outside its limits or not finite, or one that the chain rejects."""
     changed: Any = parameters
     valid_names = names(parameters)
     for name, text in options.items():
         if name not in valid_names:
             raise BadInput("the chain has no such constant", expected=", ".join(valid_names), got=name)
-        changed = replace(changed, **{name: _value(name, getattr(parameters, name), text)})
+        value = _value(name, getattr(parameters, name), text)
+        _check_limits(name, value, text, changed.limits)
+        changed = replace(changed, **{name: value})
     result: P = changed
     return result
 
@@ -97,6 +99,15 @@ def _value(name: str, current: Any, text: str) -> Any:
     except ValueError:
         kind = "a number" if current is None else type(current).__name__
         raise BadInput(f"{name} is of another kind", expected=f"{kind}, such as {current}", got=text) from None
+
+
+def _check_limits(name: str, value: Any, text: str, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Raise BadInput if a number, or one of several, is outside the limits of its constant."""
+    if isinstance(value, bool | str):
+        return
+    low, high = limits[name]
+    if not all(low <= number <= high for number in (value if isinstance(value, tuple) else (value,))):
+        raise BadInput(f"{name} is outside its limits", expected=f"{low:g} to {high:g}", got=text)
 
 
 def _truth(text: str) -> bool:

@@ -62,6 +62,42 @@ SOURCES: dict[str, str] = {
     "exposure_s": "from the profile's sensor, or the exposure of the frame",
     "max_small_regions": "GSS: regions below min_area_px that a report of a frame lists, to bound its size",
 }
+LIMITS: dict[str, tuple[float, float]] = {
+    "threshold_dn": (0.5, 20_000),
+    "min_area_px": (1, 60),
+    "max_area_px": (10, 100_000),
+    "max_found": (3, 100),
+    "search_step_px": (1, 30),
+    "max_elongation_px": (0, 200),
+    "elongation_slack_px": (0, 50),
+    "direction_from_px": (0, 200),
+    "direction_rad": (0.01, np.pi / 2),
+    "dark_clip_dn": (0.1, 1_000),
+    "k_area": (0, 100),
+    "k_illum_lux": (1e-14, 1e-6),
+    "distance_tolerance_rad": (1e-6, 2e-3),
+    "magnitude_tolerance_mag": (0.05, 3),
+    "max_observed": (3, 16),
+    "max_rounds": (1, 20),
+    "min_group": (3, 16),
+    "max_false_probability": (1e-12, 1),
+    "residual_tolerances": (0.1, 30),
+    "sure_mag": (-5, 15),
+    "saturating_mag": (-10, 10),
+    "sure_named": (0, 100),
+    "confirm_windows": (0, 30),
+    "clique_budget": (1_000, 1_000_000),
+    "hint_error_rad": (1e-3, 0.5),
+    "uncertain_adcs_px": (1, 1_000),
+    "uncertain_least_px": (0.1, 100),
+    "uncertain_reach_mm": (0.1, 1_000),
+    "rotation_px": (0, 200),
+    "star_sigma_px": (0.2, 10),
+    "focal_mm": (1, 1_000),
+    "exposure_s": (1e-4, 100),
+    "max_small_regions": (0, 10_000),
+}
+"""Lowest and highest value of each number that a rerun can change."""
 
 ZERO_LUX = 2.65e-6  # Jacobs 1995 eq. C.4
 MAGNITUDE_RATIO = 2.512
@@ -76,6 +112,8 @@ CENTROID_ERROR_PX = 0.5
 @dataclass(frozen=True)
 class SunsatParameters:
     """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above a row's dark average."""
+
+    limits = LIMITS
 
     threshold_dn: float
     noise: PixelNoise
