@@ -7,6 +7,7 @@ import { short } from './format';
 
 export function startText(a: Argument): string {
   if (a.default !== null && a.default !== undefined) return String(a.default);
+  if (isFlag(a)) return 'false';
   const first = a.choices[0];
   return first ? first.name : a.min !== null ? String(a.min) : '';
 }
@@ -34,7 +35,10 @@ const isInteger = (a: Argument): boolean => /^u?int|^[ui]\d/.test(a.type);
 export function parse(a: Argument, text: string): { value: ArgumentValue | null; problem: string } {
   if (a.choices.length || isText(a))
     return text === '' ? { value: null, problem: 'a value is needed' } : { value: text, problem: '' };
-  if (isFlag(a)) return { value: text === 'true', problem: '' };
+  if (isFlag(a))
+    return text === 'true' || text === 'false'
+      ? { value: text === 'true', problem: '' }
+      : { value: null, problem: `true or false is needed, got ${text === '' ? 'nothing' : `“${text}”`}` };
   const value = Number(text.replace('\u2212', '-').replace(/\s/g, ''));
   if (text.trim() === '' || !Number.isFinite(value))
     return { value: null, problem: `a number is needed, got ${text === '' ? 'nothing' : `“${text}”`}` };

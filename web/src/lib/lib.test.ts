@@ -38,6 +38,17 @@ describe('arguments', () => {
       parse(number({ type: 'f32', min: -9 }), '\u22122.5').value,
     ]).toEqual([0, 255, -2.5]);
   });
+  it('accept only true and false for a yes/no value', () => {
+    const flag = number({ name: 'filter_enable', type: 'bool', min: null, max: null, default: null });
+    expect(['true', 'false'].map((text) => parse(flag, text))).toEqual([
+      { value: true, problem: '' },
+      { value: false, problem: '' },
+    ]);
+    expect(parse(flag, 'ture')).toEqual({ value: null, problem: 'true or false is needed, got “ture”' });
+    expect(parse(flag, '').problem).toBe('true or false is needed, got nothing');
+    const definition = { arguments: [flag] } as unknown as CommandDefinition;
+    expect(collect(definition, {})).toEqual({ values: { filter_enable: false }, problems: {} });
+  });
   it('fills a form from defaults and reports each wrong argument by name', () => {
     const definition = {
       arguments: [
