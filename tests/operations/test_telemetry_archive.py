@@ -8,6 +8,7 @@ import json
 from datetime import datetime, timedelta
 
 import h5py
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
@@ -20,6 +21,7 @@ from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
+from gss.operations.telemetry.rollups import buckets
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.telemetry.telemetry_export import export
 from gss.operations.telemetry.value_format import raw_of, raw_text
@@ -76,6 +78,22 @@ def test_thinning_keeps_order_bound_and_both_extremes(values, points):
     if valid_values:
         kept_values = [v for v in y if v is not None]
         assert (min(kept_values), max(kept_values)) == (min(valid_values), max(valid_values))
+
+
+@given(st.lists(st.integers(0, 3), min_size=100, max_size=400), st.integers(10, 60), st.integers(0, 300))
+def test_thinned_times_show_the_longer_gaps_and_no_others(values, points, lost):
+    """Complete telemetry has no times that are twice the resolution apart, also if adjacent values differ by seconds. A
+    longer gap has such times at its ends."""
+    span_s = float(len(values) + lost)
+    t = [float(k + lost * (k >= 50)) for k in range(len(values))]
+    raw, bucketed = Thinner(0.0, span_s, points), Thinner(0.0, span_s, points)
+    for at, y in zip(t, values, strict=True):
+        raw.take(at, float(y))
+    bucketed.merge(buckets(np.array(t), np.array(values, float)))
+    for thinner in (raw, bucketed):
+        steps = np.diff(thinner.result()[0])
+        if lost == 0 or lost > 2 * thinner.resolution_s:
+            assert (steps > 2 * thinner.resolution_s).sum() == (lost > 0)
 
 
 def test_enumerations_and_booleans_of_any_packet_are_plotted_as_numbers(telemetry, clock):

@@ -49,6 +49,7 @@ def series(stored: TelemetrySeries) -> TelemetrySeriesOut:
         choices=choices,
         samples=stored.samples,
         thinned=stored.thinned,
+        resolution_s=stored.resolution_s,
     )
 
 

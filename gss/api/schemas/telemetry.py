@@ -30,7 +30,8 @@ class FieldChoiceOut(Out):
 
 class TelemetrySeriesOut(Out):
     """History of one field, thinned to at most the requested number of points, keeping the minimum and maximum of each
-    bin. ``choices``: names for the numbers in ``y`` of an enumeration or a yes/no value."""
+    bin. ``choices``: names for the numbers in ``y`` of an enumeration or a yes/no value. ``resolution_s``: 0 if all
+    samples are included; otherwise samples are missing where the times are more than twice this time apart."""
 
     name: str
     unit: str
@@ -42,6 +43,7 @@ class TelemetrySeriesOut(Out):
     choices: list[FieldChoiceOut]
     samples: int
     thinned: bool
+    resolution_s: float
 
 
 class HistoryOut(Out):

@@ -36,7 +36,7 @@ class Column:
 @dataclass(frozen=True)
 class TelemetrySeries:
     """Values of a field over a time span. ``t``: Unix seconds; ``y``: values; ``samples``: number of samples in the
-    span; ``thinned``: True if only some of the samples are included."""
+    span; ``thinned``: True if only some of the samples are included; ``resolution_s``: see ``Thinner``."""
 
     key: str
     packet: str
@@ -45,6 +45,7 @@ class TelemetrySeries:
     y: list[float | None]
     samples: int
     thinned: bool
+    resolution_s: float
 
 
 @dataclass
@@ -58,6 +59,15 @@ class Thinner:
     samples: int = 0
     _all_samples: list[tuple[float, float | None]] | None = field(default_factory=list)
     _bins: dict[int, tuple[tuple[float, float | None], tuple[float, float | None]]] = field(default_factory=dict)
+    _bucket_s: float = 0.0
+
+    @property
+    def resolution_s(self) -> float:
+        """Return 0 if all samples are included. Otherwise: if the samples are at most this time apart, which is a part of
+        the span and the length of a bucket, the times of the result are less than twice this time apart."""
+        if self._all_samples is not None:
+            return 0.0
+        return (self.end_s - self.start_s) / max(1, self.points // 2) + self._bucket_s
 
     def take(self, t: float, y: float | None) -> None:
         """Add one sample."""
@@ -74,6 +84,7 @@ class Thinner:
     def merge(self, buckets: Buckets) -> None:
         """Add samples as buckets, which contain only the extremes of each ten seconds."""
         self.samples += int(buckets.count.sum())
+        self._bucket_s = float(BUCKET_S)
         if self._all_samples is not None:
             samples, self._all_samples = self._all_samples, None
             for sample in samples:
@@ -151,7 +162,9 @@ class Archive:
             thinners = self._thinned(packet, fields, start, end, points)
             for column, thinner, definition in zip(of_packet, thinners, fields, strict=True):
                 t_s, y, thinned = thinner.result()
-                series[column.key] = TelemetrySeries(column.key, packet, definition, t_s, y, thinner.samples, thinned)
+                series[column.key] = TelemetrySeries(
+                    column.key, packet, definition, t_s, y, thinner.samples, thinned, thinner.resolution_s
+                )
         return [series[key] for key in keys]
 
     def _thinned(

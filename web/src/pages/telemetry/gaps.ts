@@ -7,19 +7,24 @@ const FACTOR = 4;
 const MIN_S = 4;
 
 /**
- * Return the gaps: intervals between samples longer than four times the median interval and longer than four seconds.
+ * Return the gaps: intervals between samples longer than four seconds and longer than four times the median interval.
+ * Times of a series with a resolution are those of the extremes of bins, seconds or two bins apart. Its gaps are
+ * intervals longer than twice the resolution.
  */
-export function gapsOf(t: readonly number[]): Gap[] {
+export function gapsOf(t: readonly number[], resolution_s: number): Gap[] {
   const steps = t.slice(1).map((v, i) => v - (t[i] ?? v));
   const median = [...steps].sort((a, b) => a - b)[Math.floor(steps.length / 2)] ?? 0;
-  return steps.flatMap((s, i) =>
-    s > Math.max(MIN_S, FACTOR * median) ? [{ from: t[i] ?? 0, to: t[i + 1] ?? 0 }] : [],
-  );
+  const longest = Math.max(MIN_S, resolution_s > 0 ? 2 * resolution_s : FACTOR * median);
+  return steps.flatMap((s, i) => (s > longest ? [{ from: t[i] ?? 0, to: t[i + 1] ?? 0 }] : []));
 }
 
 /** Return the series with a null after the start of each gap, so that no line crosses the gap. */
-export function broken(t: readonly number[], y: readonly (number | null)[]): [number[], (number | null)[]] {
-  const gaps = gapsOf(t);
+export function broken(
+  t: readonly number[],
+  y: readonly (number | null)[],
+  resolution_s: number,
+): [number[], (number | null)[]] {
+  const gaps = gapsOf(t, resolution_s);
   const ts: number[] = [];
   const ys: (number | null)[] = [];
   t.forEach((v, i) => {

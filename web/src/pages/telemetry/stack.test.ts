@@ -32,6 +32,7 @@ describe('a plot', () => {
       choices: [],
       samples: 3,
       thinned: false,
+      resolution_s: 0,
       t: [10, 20, 30],
       y: [1, 2, null],
     };
