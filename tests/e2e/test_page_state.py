@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from typing import Any
+
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+UNIT = {
+    "name": "FM1",
+    "instrument": "cubestar",
+    "address": "simulator",
+    "process": "running",
+    "restarts": 0,
+    "last_end": "",
+    "reason": "",
+    "process_age_s": 900.0,
+    "link": None,
+    "age_s": 0.5,
+    "current": True,
+}
+
+
+def once(content: Any) -> Callable[[Route], None]:
+    """Return a handler that answers the first request. Later requests get no response."""
+    contents = [content]
+
+    def handle(route: Route) -> None:
+        if contents:
+            route.fulfill(json=contents.pop())
+
+    return handle
 
 
 def test_a_confirmation_ends_when_another_kind_of_table_is_chosen(page: Page) -> None:
@@ -26,3 +54,30 @@ def test_a_confirmation_ends_when_another_kind_of_table_is_chosen(page: Page) ->
     tables.get_by_role("button", name="parameters").click()
     expect(tables.get_by_test_id("table-bank").first).to_be_visible()
     expect(tables.get_by_test_id("hazard")).to_have_count(0)
+
+
+def test_units_are_not_current_after_a_request_without_response(page: Page) -> None:
+    """If the server accepts the request of the Fleet page and does not respond, the page states this after a few
+    seconds, and no unit is current."""
+    page.route("**/api/fleet", once({"units": [UNIT]}))
+    page.goto("/fleet")
+    expect(page.get_by_test_id("fleet-unit")).to_have_attribute("data-current", "true")
+    expect(page.get_by_test_id("fleet-unit")).to_have_attribute("data-current", "false")
+    expect(page.get_by_role("alert").first).to_contain_text("No answer from the server")
+
+
+def test_checks_that_failed_do_not_count_as_checked(page: Page) -> None:
+    """While the health checks cannot be read, the page keeps the time of the last successful check, and the lamps are
+    not current."""
+    page.goto("/admin?show=health")
+    health = page.get_by_test_id("health")
+    expect(health.get_by_test_id("health-row").first).to_be_visible()
+    page.route("**/api/admin/health", lambda route: route.fulfill(status=429, json={"message": "Too busy."}))
+    expect(health.get_by_role("alert")).to_contain_text("Too busy.")
+    checked = re.search(r"checked \S+Z", health.inner_text())
+    assert checked is not None
+    with page.expect_request("**/api/admin/health"):
+        pass
+    expect(health).to_contain_text(checked.group())
+    expect(health.get_by_test_id("health-row").first).to_have_attribute("data-state", "unreported")
+    expect(health).to_contain_text("not current")

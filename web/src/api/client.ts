@@ -58,13 +58,13 @@ const session = {
 
 /** Requests for all units of the server, and ABORT of any unit. */
 const fleet = {
-  fleet: () => body(GET('/api/fleet')),
+  fleet: (signal?: AbortSignal) => body(GET('/api/fleet', { signal })),
   abortUnit: async (name: string): Promise<T.Abort> => {
     const url = `${location.origin}/units/${encodeURIComponent(name)}/api/commands/abort`;
     return (await (await fetched(new OutlivingRequest(url, { method: 'POST' }))).json()) as T.Abort;
   },
   restartUnit: (name: string) => body(POST('/api/fleet/units/{name}/restart', { params: { path: { name } } })),
-  heads: () => body(GET('/api/fleet/spacecraft')),
+  heads: (signal?: AbortSignal) => body(GET('/api/fleet/spacecraft', { signal })),
   saveSpacecraft: (spacecraft: T.SpacecraftRequest, spacecraft_id: number | null) =>
     spacecraft_id === null
       ? body(POST('/api/fleet/spacecraft', { body: spacecraft }))
