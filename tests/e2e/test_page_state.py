@@ -81,3 +81,17 @@ def test_checks_that_failed_do_not_count_as_checked(page: Page) -> None:
     expect(health).to_contain_text(checked.group())
     expect(health.get_by_test_id("health-row").first).to_have_attribute("data-state", "unreported")
     expect(health).to_contain_text("not current")
+
+
+def test_the_period_without_plots_follows_the_clock(page: Page) -> None:
+    """Without a plotted parameter, the displayed period, which an export uses, ends at the present time."""
+    page.goto("/telemetry?plot=none")
+    times = page.get_by_test_id("telemetry").locator(".times").first
+    expect(times).to_contain_text("Z to ")
+    first = times.inner_text()
+    expect(times).not_to_have_text(first)
+    page.goto("/telemetry?plot=none&from=2026-01-01T00:00:00Z&to=2026-01-01T01:00:00Z")
+    page.get_by_test_id("export").click()
+    expect(page.get_by_test_id("export-csv-file")).to_have_attribute(
+        "href", re.compile(r"start=2026-01-01T00%3A00%3A00.*end=2026-01-01T01%3A00%3A00")
+    )
