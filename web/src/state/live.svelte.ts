@@ -133,8 +133,9 @@ class Live {
     const handlers = Object.keys(this.topics).map((topic) => [
       topic,
       (message: never) => {
-        if (topic === 'link') this.setClock(message); // now, because a hidden tab handles messages later
-        batch.add(() => this.put(topic as T.Topic, message));
+        if (topic === 'link') this.setClock(message); // now, as alarms for the sound: a hidden tab handles others later
+        if (topic === 'alarm') this.put(topic, message);
+        else batch.add(() => this.put(topic as T.Topic, message));
       },
     ]);
     return Object.fromEntries(handlers) as TopicHandlers;
