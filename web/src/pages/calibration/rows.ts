@@ -6,6 +6,7 @@ export function parseRows(text: string, columns: number): number[][] {
   const out: number[][] = [];
   text.split(/\r?\n/).forEach((line, k) => {
     const cells = line
+      .replaceAll('\u2212', '-')
       .trim()
       .split(/[\s,;]+/)
       .filter(Boolean);
