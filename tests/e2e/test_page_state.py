@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from typing import Any
@@ -95,3 +96,51 @@ def test_the_period_without_plots_follows_the_clock(page: Page) -> None:
     expect(page.get_by_test_id("export-csv-file")).to_have_attribute(
         "href", re.compile(r"start=2026-01-01T00%3A00%3A00.*end=2026-01-01T01%3A00%3A00")
     )
+
+
+def test_one_click_or_two_start_one_build_which_keeps_later_edits(page: Page) -> None:
+    """A double click on Build starts one build. If the form is edited before the build has ended, its catalogue is not
+    opened. A new catalogue does not start with the name and request of the one that was open, and opening the step
+    "Stars" of a catalogue of a star list changes nothing."""
+    page.goto("/catalogues/new")
+    page.get_by_test_id("build-name").fill("first")
+    expect(page.get_by_text("preview in")).to_be_visible()
+    held: list[Route] = []
+    page.route(
+        "**/api/catalogues", lambda route: held.append(route) if route.request.method == "POST" else route.continue_()
+    )
+    page.get_by_test_id("build").dblclick()
+    page.get_by_test_id("build-name").fill("second")
+    expect(page.get_by_test_id("build")).to_be_disabled()
+    assert len(held) == 1
+    held[0].continue_()
+    expect(page.get_by_text(re.compile(r"Catalogue \d+ was built"))).to_be_visible()
+    expect(page).to_have_url(re.compile("/catalogues/new$"))
+    expect(page.get_by_test_id("build-name")).to_have_value("second")
+    page.unroute("**/api/catalogues")
+
+    page.get_by_test_id("build").click()
+    expect(page).to_have_url(re.compile(r"/catalogues/\d+$"))
+    expect(page.get_by_role("heading", name="second")).to_be_visible()
+    page.keyboard.press("Control+k")
+    page.get_by_test_id("palette-text").fill("build a catalogue")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="New catalogue")).to_be_visible()
+    expect(page.get_by_test_id("build-name")).to_have_value("")
+
+    stars = {"id": 3, "name": "own", "stars": 5, "format": "csv", "epoch_jyear": 2000, "frame": "icrs", "dropped": 0}
+    page.route("**/api/catalogues/sources", lambda route: route.fulfill(json=[{**stars, "report": {}}]))
+
+    def from_list(route: Route) -> None:
+        detail = route.fetch().json()
+        route.fulfill(body=json.dumps(detail | {"request": {**detail["request"], "source": "list", "star_list": 3}}))
+
+    page.route("**/api/catalogues/1", from_list)
+    page.goto("/catalogues/1")
+    page.get_by_test_id("step-4").click()
+    expect(page.get_by_test_id("build-list").locator("option", has_text="own")).to_have_count(1)
+    expect(page.get_by_text("edited, not built")).to_have_count(0)
+    epoch = page.get_by_test_id("list-epoch")
+    epoch.fill("1991,25")
+    expect(page.get_by_text("a Julian year such as 1991.25 is needed")).to_be_visible()
+    expect(page.locator("input[type=file]")).to_be_disabled()

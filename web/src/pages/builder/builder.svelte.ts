@@ -3,7 +3,7 @@ import { api } from '../../api/client';
 import type { CatalogueDetail, CatalogueRequest, Heads, Preview, Profile, StarList } from '../../api/types';
 import { short } from '../../lib/format';
 import { problemText } from '../../lib/problems';
-import { LIMITS, number, OPTIONAL, START, wholeOr, type Texts } from './fields';
+import { LIMITS, number, optional, OPTIONAL, START, wholeOr, type Texts } from './fields';
 
 type Form = Required<CatalogueRequest>;
 export type Law = Form['pointing'];
@@ -135,7 +135,6 @@ export class Builder {
 
   get request(): CatalogueRequest {
     const t = this.texts;
-    const optional = (text: string): number | null => (text.trim() ? number(text) : null);
     const symmetric = (key: 'roll' | 'pitch' | 'yaw'): [number, number] =>
       this.skewed[key] ?? [-number(t[key]), number(t[key])];
     return {
@@ -228,7 +227,7 @@ export class Builder {
   }
 
   /** Fill the form with the request of an existing catalogue. */
-  fill(detail: CatalogueDetail): void {
+  fill(detail: Pick<CatalogueDetail, 'name' | 'profile' | 'format' | 'request'>): void {
     const r = detail.request as Partial<Form>;
     const o: NonNullable<CatalogueRequest['occultation']> = r.occultation ?? NOTHING;
     const text = (v: unknown, old: string): string => (v === undefined || v === null ? old : String(v));
@@ -293,6 +292,11 @@ export class Builder {
     this.problem = '';
   }
 
+  /** Fill the form with the defaults of a new catalogue for the unit's camera. */
+  reset(): void {
+    this.fill({ name: '', ...this.unit, request: { faint_mag: this.first.faint_mag } });
+  }
+
   /** Use the present mountings of all heads of a spacecraft. */
   mount(spacecraft: Heads): void {
     this.heads = spacecraft.heads.map((h) => ({ unit: h.unit, body_from_cam: null, mounting_deg: h.mounting_deg }));
@@ -308,6 +312,7 @@ export class Builder {
   changed(): void {
     if (this.timer) clearTimeout(this.timer);
     this.stop?.abort();
+    this.busy = false;
     if (!this.valid) return;
     this.timer = setTimeout(() => void this.loadPreview(), WAIT_MS);
   }

@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { CatalogueDetail, Heads, Profile } from '../../api/types';
 import { Builder } from './builder.svelte';
+import { optional } from './fields';
 
 const CAMERAS = [
   { name: 'cubestar', faint_mag: 3.8, unit: true, formats: ['cubestar'] },
@@ -26,6 +27,29 @@ describe('the builder', () => {
     b.pick(CAMERAS[1] as Profile);
     b.startWith(CAMERAS);
     expect([b.profile, b.texts.faint_mag]).toEqual(['sunsat', '5']);
+  });
+
+  it('starts a new catalogue without the request of the one that was open', () => {
+    const b = new Builder();
+    b.startWith(CAMERAS);
+    const fresh = JSON.stringify(b.request);
+    const request = { faint_mag: 6.5, days: 30, source: 'list', star_list: 3, orbit: 'tle', tle: 'x' };
+    b.fill({ name: 'seven', profile: 'sunsat', format: 'sunsat', request });
+    expect(JSON.stringify(b.request)).not.toBe(fresh);
+    b.reset();
+    expect(JSON.stringify(b.request)).toBe(fresh);
+  });
+
+  it('does not load a preview while a field is invalid', () => {
+    const b = new Builder();
+    b.busy = true;
+    b.texts.days = '1,5';
+    b.changed();
+    expect([b.valid, b.busy]).toEqual([false, false]);
+  });
+
+  it('knows an optional field that is not a number', () => {
+    expect(['', ' ', '1991.25', '\u22121', '1991,25'].map(optional)).toEqual([null, null, 1991.25, -1, NaN]);
   });
 
   it('sends a circular orbit by default, and the shape of an eccentric one', () => {

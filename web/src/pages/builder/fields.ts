@@ -128,6 +128,11 @@ export function wholeOr(text: string): number | null {
   return text.trim() ? Math.round(number(text)) : null;
 }
 
+/** Parse an optional number: null if the text is empty, NaN if it is not a number. */
+export function optional(text: string): number | null {
+  return text.trim() ? number(text) : null;
+}
+
 export function number(text: string): number {
   return text.trim() === '' ? NaN : Number(text.replace('\u2212', '-'));
 }
