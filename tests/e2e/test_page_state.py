@@ -98,6 +98,19 @@ def test_the_period_without_plots_follows_the_clock(page: Page) -> None:
     )
 
 
+def test_the_palette_shows_two_catalogues_of_one_name(page: Page) -> None:
+    """Catalogues with the same name, number of stars and date are two results."""
+    page.goto("/live")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    catalogue = {"name": "night", "profile": "cubestar", "format": "cubestar", "author": "ann", "stars": 5, "pairs": 9}
+    catalogue |= {"created": "2026-11-01T10:00:00Z", "bytes": 9, "sha256": "a", "valid_from": None, "valid_to": None}
+    both = [{**catalogue, "id": number, "validity_known": True, "banks": []} for number in (901, 902)]
+    page.route("**/api/catalogues", lambda route: route.fulfill(json=both))
+    page.keyboard.press("Control+k")
+    page.get_by_test_id("palette-text").fill("night")
+    expect(page.get_by_test_id("place").filter(has_text="5 stars")).to_have_count(2)
+
+
 def test_one_click_or_two_start_one_build_which_keeps_later_edits(page: Page) -> None:
     """A double click on Build starts one build. If the form is edited before the build has ended, its catalogue is not
     opened. A new catalogue does not start with the name and request of the one that was open, and opening the step
