@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
@@ -23,6 +24,29 @@ UNIT = {
     "link": None,
     "age_s": 0.5,
     "current": True,
+}
+ALARM = {
+    "id": 7,
+    "packet": "housekeeping",
+    "field": "temp_sensor_c",
+    "title": "Sensor temperature",
+    "state": "raised",
+    "level": "watch",
+    "worst": "watch",
+    "value": 50.0,
+    "unit": "degC",
+    "text": "Sensor temperature above 45",
+    "limit_text": "above 45",
+    "limit_set": "nominal",
+    "cleared": None,
+    "acknowledged": None,
+    "acknowledged_by": "",
+    "shelved": False,
+    "shelved_until": None,
+    "shelved_by": "",
+    "note": "",
+    "closed": None,
+    "action": "",
 }
 
 
@@ -96,6 +120,20 @@ def test_the_period_without_plots_follows_the_clock(page: Page) -> None:
     expect(page.get_by_test_id("export-csv-file")).to_have_attribute(
         "href", re.compile(r"start=2026-01-01T00%3A00%3A00.*end=2026-01-01T01%3A00%3A00")
     )
+
+
+def test_the_details_of_an_old_alarm_are_read_once(page: Page, at_rest: Callable[[Page], None]) -> None:
+    """Commands and events around an alarm are read again only if their period has changed."""
+    raised = (datetime.now(UTC) - timedelta(days=2)).isoformat()
+    page.route("**/api/alarms?open=true*", lambda route: route.fulfill(json=[{**ALARM, "raised": raised}]))
+    requests: list[str] = []
+    page.on("request", lambda r: requests.append(r.url) if "/api/commands?" in r.url and "start=" in r.url else None)
+    page.goto("/telemetry?below=monitor&plot=none&alarm=7")
+    expect(page.get_by_test_id("alarm-detail")).to_contain_text("No commands or events")
+    at_rest(page)
+    before = len(requests)
+    page.wait_for_timeout(4000)
+    assert len(requests) == before
 
 
 def test_the_palette_shows_two_catalogues_of_one_name(page: Page) -> None:
