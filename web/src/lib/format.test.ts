@@ -5,6 +5,7 @@ import {
   clock,
   counted,
   daysLeft,
+  exposure,
   degrees,
   fixed,
   modeWords,
@@ -64,6 +65,14 @@ describe('times and bytes', () => {
   });
   it('writes UTC with Z for a time in any zone', () => {
     expect(clock('2026-12-01T20:42:07.412+02:00', 3)).toBe('18:42:07.412Z');
+  });
+  it('writes an exposure with at least three significant digits', () => {
+    expect([0.000_25, 0.012_345, 0.12, 1.5004].map(exposure)).toEqual([
+      '0.25 ms',
+      '12.3 ms',
+      '120 ms',
+      `${fixed(1500)} ms`,
+    ]);
   });
   it('states how long a bank lasts', () => {
     expect([daysLeft(null), daysLeft(3.9), daysLeft(0.5), daysLeft(-1)]).toEqual([

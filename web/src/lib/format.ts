@@ -81,6 +81,12 @@ export function unitSign(unit: string): string {
   return SIGNS[unit] ?? unit;
 }
 
+/** Format an exposure in milliseconds with at least three significant digits: "0.25 ms", "120 ms", "1 500 ms". */
+export function exposure(seconds: number): string {
+  const ms = seconds * 1000;
+  return `${ms >= 100 ? fixed(ms) : short(Number(ms.toPrecision(3)))} ms`;
+}
+
 export function daysLeft(days: number | null | undefined): string {
   if (days === null || days === undefined) return 'no expiry';
   if (days < 0) return 'expired';
