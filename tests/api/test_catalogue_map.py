@@ -1,4 +1,4 @@
-"""Star map of a catalogue that was read back from the device."""
+"""Star map and report of a catalogue that was read back from the device."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.present.catalogues import catalogue_detail
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.skytables.bank import OnboardCatalogue
@@ -37,3 +38,12 @@ def test_stars_without_a_magnitude_are_counted(hips: tuple[int, int], drawn: int
     )
     detail = catalogue_detail(row, [], image, load_stars())
     assert (len(detail.sky), detail.no_magnitude) == (drawn, missing)
+    assert detail.validity_known is False
+
+
+def test_the_report_states_that_the_validity_is_unknown() -> None:
+    """The manifest of a catalogue that was read back has no period of validity. That of a built catalogue has an empty end
+    if the catalogue does not expire."""
+    known = {"name": "x", "valid_from": "", "valid_to": ""}
+    assert "validity unknown" in catalogue_sheet({"hip": [], "source": "read back from the device"}, {}).subtitle
+    assert "no end of validity" in catalogue_sheet(known, {}).subtitle

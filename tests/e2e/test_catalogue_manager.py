@@ -69,7 +69,7 @@ def test_recorded_banks_are_shown(page):
     """The page shows the banks that the device reported, with a sentence about coverage."""
     page.goto("/catalogues")
     expect(page.get_by_test_id("banks")).to_contain_text("golden")
-    expect(page.get_by_test_id("banks")).to_contain_text("active bank does not expire")
+    expect(page.get_by_test_id("banks")).to_contain_text("validity of bank golden is unknown")
 
 
 def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):

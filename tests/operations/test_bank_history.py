@@ -78,8 +78,8 @@ class BankHistoryHarness:
         values = {"bank": bank, "state": state, "active": active, "sha256": bytes.fromhex(sha256 or "00" * 32)}
         self.history.handle(LineBatch((Telemetry("bank_info", 1.0, 0, values, values),), self.clock(), 0.0))
 
-    def keep(self, name, sha256, *, days=None) -> Catalogue:
-        """Store a catalogue that is valid from now for ``days``."""
+    def keep(self, name, sha256, *, days=None, read_back=False) -> Catalogue:
+        """Store a catalogue that is valid from now for ``days``. One that was read back has no request."""
         start = self.clock()
         row = Catalogue(
             name=name,
@@ -93,7 +93,7 @@ class BankHistoryHarness:
             sha256=sha256,
             valid_from=start,
             valid_to=None if days is None else start + timedelta(days=days),
-            request={},
+            request={} if read_back else {"orbit": "none"},
             manifest={},
             report={},
         )
@@ -287,6 +287,29 @@ def test_coverage_is_described_in_text(harness):
         State.OK,
         "bank B follows and does not expire",
     )
+
+
+def test_the_cover_of_a_catalogue_that_was_read_back_is_unknown(harness):
+    """A catalogue that was read back has no period of validity. It is stated as unknown, not as unlimited, and such a
+    catalogue is not proposed as successor."""
+    harness.identify()
+    now = harness.clock()
+    harness.keep("zen-1", OLD, days=3)
+    harness.keep("cubestar-read-back", NEW, read_back=True)
+    harness.report("B", "committed", OLD, active=True)
+    harness.report("A", "committed", NEW)
+
+    def coverage(planned=()):
+        return cover(harness.history.timeline(now - timedelta(days=1), now).stays, planned, now, watch_days=5.0)
+
+    assert coverage().text == "no cover from 12-04 18:00 and no bank holds a successor"
+    plan = Planned("A", "activation", now + timedelta(days=2), NEW, "cubestar-read-back", 2, None, None, "", False)
+    expected = (State.WATCH, "the validity of bank A is unknown: its catalogue was read back from the device", None)
+    planned = coverage([plan])
+    harness.report("B", "committed", OLD)
+    harness.report("A", "committed", NEW, active=True)
+    for seen in (planned, coverage()):
+        assert (seen.state, seen.text, seen.until) == expected
 
 
 def test_reports_of_a_new_device_are_not_added_to_the_history_of_the_last(harness, monkeypatch):

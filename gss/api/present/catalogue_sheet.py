@@ -51,6 +51,8 @@ def _byline(manifest: Mapping[str, Any]) -> str:
 
 
 def _validity(manifest: Mapping[str, Any]) -> str:
+    if "valid_to" not in manifest:
+        return "validity unknown"
     start, end = str(manifest.get("valid_from") or "")[:16], str(manifest.get("valid_to") or "")[:16]
     return f"valid {start} to {end} UTC" if end else "no end of validity"
 

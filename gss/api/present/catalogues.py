@@ -36,7 +36,7 @@ NEEDED_STARS = 3
 
 def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
     """Return a catalogue as a list entry."""
-    names = "id name profile format created author stars pairs sha256 valid_from valid_to"
+    names = "id name profile format created author stars pairs sha256 valid_from valid_to validity_known"
     return CatalogueOut(
         **{name: getattr(row, name) for name in names.split()},
         bytes=row.size,

@@ -79,4 +79,5 @@ def bank(view: BankView, now: datetime) -> BankOut:
         sha256=view.sha256,
         valid_to=catalogue_row.valid_to if catalogue_row else None,
         days_left=days_left(catalogue_row.valid_to, now) if catalogue_row else None,
+        validity_known=catalogue_row is not None and catalogue_row.validity_known,
     )

@@ -45,7 +45,7 @@ class PreviewOut(Out):
 
 
 class CatalogueOut(Out):
-    """Stored catalogue."""
+    """Stored catalogue. ``validity_known``: false if it was read back from the device."""
 
     id: int
     name: str
@@ -59,6 +59,7 @@ class CatalogueOut(Out):
     sha256: str
     valid_from: Utc | None
     valid_to: Utc | None
+    validity_known: bool
     banks: list[str]
 
 

@@ -48,7 +48,8 @@ class CountersOut(Out):
 
 
 class BankOut(Out):
-    """Flash bank as reported by the device, with the stored catalogue that it contains, if known."""
+    """Flash bank as reported by the device, with the stored catalogue that it contains, if known. ``validity_known``: false
+    if this catalogue is not stored or was read back from the device."""
 
     bank: str
     state: str
@@ -60,6 +61,7 @@ class BankOut(Out):
     sha256: str | None
     valid_to: Utc | None
     days_left: float | None
+    validity_known: bool
 
 
 class AlarmOut(Out):

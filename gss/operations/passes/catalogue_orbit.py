@@ -34,7 +34,7 @@ def catalogue_orbit(
     catalogue: Catalogue, current: CurrentOrbit | None, now: datetime, warning: timedelta
 ) -> CatalogueOrbit:
     """Compare a catalogue with the active orbit. ``warning``: time before leaving at which the state becomes leaving."""
-    if not catalogue.request:
+    if not catalogue.validity_known:
         return _unknown("it was read back from the unit, so its build request is not known")
     try:
         request = CatalogueRequest.model_validate(catalogue.request)

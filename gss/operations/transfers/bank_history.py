@@ -59,6 +59,7 @@ class Planned:
     valid_from: datetime | None
     valid_to: datetime | None
     text: str
+    validity_known: bool = True
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping
                     catalogue.valid_from,
                     catalogue.valid_to,
                     f"{catalogue.name}, {row.state}",
+                    catalogue.validity_known,
                 )
             )
         return plans
@@ -78,9 +79,9 @@ def activations(
             sha256 = period.row.sha256 if period else ""
             text = f"activate {bank} planned"
             span = (catalogue.valid_from, catalogue.valid_to) if catalogue else (None, None)
-            plans.append(
-                Planned(bank, "activation", entry.at, sha256, name, catalogue.id if catalogue else None, *span, text)
-            )
+            known = catalogue is not None and catalogue.validity_known
+            number = catalogue.id if catalogue else None
+            plans.append(Planned(bank, "activation", entry.at, sha256, name, number, *span, text, known))
         return plans
 
     return planned
@@ -94,6 +95,7 @@ def cover(periods: Sequence[BankPeriod], planned: Sequence[Planned], now: dateti
     if active.catalogue is None:
         return Cover(State.WATCH, f"the ground does not have the content of bank {active.row.bank}", None)
     until, bank, subject = active.catalogue.valid_to, active.row.bank, "the active bank"
+    known = active.catalogue.validity_known
     switches = [(plan.at, plan) for plan in planned if plan.kind == "activation" and plan.at is not None]
     for at, plan in sorted(switches, key=lambda switch: switch[0]):
         if plan.bank == bank:
@@ -103,7 +105,10 @@ def cover(periods: Sequence[BankPeriod], planned: Sequence[Planned], now: dateti
         if plan.catalogue_id is None:
             text = f"the ground does not have the content of bank {plan.bank}, which is to be activated"
             return Cover(State.WATCH, text, None)
-        until, bank, subject = plan.valid_to, plan.bank, f"bank {plan.bank} follows and"
+        until, bank, subject, known = plan.valid_to, plan.bank, f"bank {plan.bank} follows and", plan.validity_known
+    if not known:
+        text = f"the validity of bank {bank} is unknown: its catalogue was read back from the device"
+        return Cover(State.WATCH, text, None)
     if until is None:
         return Cover(State.OK, f"{subject} does not expire", None)
     state = expiry_state(until, now, watch_days)
@@ -127,7 +132,9 @@ def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) ->
 def _follows(period: BankPeriod, until: datetime, now: datetime) -> bool:
     """True if an inactive bank contains a catalogue for the time after ``until``."""
     catalogue = period.catalogue
-    if catalogue is None or period.row.ended is not None or period.row.state != "held":
+    if catalogue is None or not catalogue.validity_known:
+        return False
+    if period.row.ended is not None or period.row.state != "held":
         return False
     begins_in_time = catalogue.valid_from is None or catalogue.valid_from <= until + timedelta(days=1)
     return begins_in_time and (catalogue.valid_to is None or catalogue.valid_to > max(until, now))

@@ -33,6 +33,11 @@ class Catalogue(Base):
     report: Mapped[JsonObject]
     instrument_version: Mapped[str | None] = mapped_column(String(64))
 
+    @property
+    def validity_known(self) -> bool:
+        """False for a catalogue that was read back from the device: its request and its period of validity are unknown."""
+        return bool(self.request)
+
 
 class DeviceTable(Base):
     """Device table other than a catalogue: triplets, calibration, parameters or bad pixels. The bytes are a blob with the key

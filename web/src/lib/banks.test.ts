@@ -1,6 +1,16 @@
 import { describe, expect, it } from 'vitest';
 import type { Bank, Timeline, Transfer } from '../api/types';
-import { bankConditions, previousBank, replacedBy, replaces, rollbackText, uploadTargets, uploadBanks } from './banks';
+import {
+  bankConditions,
+  expiryOf,
+  previousBank,
+  replacedBy,
+  replaces,
+  rollbackText,
+  uploadTargets,
+  uploadBanks,
+  validityText,
+} from './banks';
 
 const bank = (name: string, over: Partial<Bank> = {}): Bank => ({
   bank: name,
@@ -13,6 +23,7 @@ const bank = (name: string, over: Partial<Bank> = {}): Bank => ({
   sha256: 'aa',
   valid_to: null,
   days_left: null,
+  validity_known: true,
   ...over,
 });
 const empty = (name: string): Bank =>
@@ -29,6 +40,22 @@ const up = (over: Partial<Transfer> = {}): Transfer =>
 const later = Date.parse('2026-12-01T19:00:00Z');
 
 describe('banks', () => {
+  it('state how long their catalogue lasts, and that this is unknown', () => {
+    const left = [null, 3.9, 0.5, -1].map((days_left) => expiryOf(bank('A', { days_left })));
+    expect(left.map((e) => `${e.state}: ${e.word}`)).toEqual([
+      'ok: no expiry',
+      'watch: 3 d left',
+      'warning: 12 h left',
+      'critical: expired',
+    ]);
+    expect(expiryOf(bank('A', { validity_known: false }))).toEqual({ state: 'unknown', word: 'validity unknown' });
+    const [valid_from, valid_to] = ['2026-12-01T00:00:00Z', '2026-12-31T00:00:00Z'];
+    expect([
+      validityText({ valid_from, valid_to, validity_known: true }),
+      validityText({ valid_from, valid_to: null, validity_known: true }),
+      validityText({ valid_from: null, valid_to: null, validity_known: false }),
+    ]).toEqual(['2026-12-01 to 2026-12-31', 'no expiry', 'validity unknown']);
+  });
   it('proposes an empty bank, then an expired one, never the active or the golden one', () => {
     const banks = [bank('A', { active: true }), bank('B'), empty('C'), bank('D', { days_left: -2 }), bank('golden')];
     expect(uploadTargets(banks).map((b) => b.bank)).toEqual(['C', 'D', 'B']);

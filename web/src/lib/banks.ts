@@ -1,5 +1,7 @@
 /** Texts and conditions for uploads, rollbacks and bank commands, derived from the banks that the device reports. */
-import type { Bank, CommandDefinition, Timeline, Transfer } from '../api/types';
+import type { Bank, Catalogue, CommandDefinition, Timeline, Transfer } from '../api/types';
+import { day } from './format';
+import type { LampState } from './lamp';
 
 export type Precondition = CommandDefinition['preconditions'][number];
 const WRITABLE = /^[A-Z]$/;
@@ -8,6 +10,22 @@ const SETTLE_MS = 6000;
 
 /** Banks that are offered until the device reports its own. */
 const USUAL = ['A', 'B', 'C'];
+
+/** Return the lamp and the text for the time until the catalogue of a bank expires. */
+export function expiryOf(bank: Pick<Bank, 'days_left' | 'validity_known'>): { state: LampState; word: string } {
+  const days = bank.days_left;
+  if (days === null)
+    return bank.validity_known ? { state: 'ok', word: 'no expiry' } : { state: 'unknown', word: 'validity unknown' };
+  if (days < 0) return { state: 'critical', word: 'expired' };
+  if (days < 1) return { state: 'warning', word: `${Math.floor(days * 24)} h left` };
+  return { state: days < 4 ? 'watch' : 'ok', word: `${Math.floor(days)} d left` };
+}
+
+/** Return the period of validity of a catalogue as text. */
+export function validityText(c: Pick<Catalogue, 'valid_from' | 'valid_to' | 'validity_known'>): string {
+  if (c.valid_to) return `${day(c.valid_from)} to ${day(c.valid_to)}`;
+  return c.validity_known ? 'no expiry' : 'validity unknown';
+}
 
 const isEmpty = (bank: Bank): boolean => bank.state === 'empty' || bank.state === 'corrupt';
 const expired = (bank: Bank): boolean => bank.days_left !== null && bank.days_left < 0;

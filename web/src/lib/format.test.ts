@@ -4,7 +4,6 @@ import {
   bytes,
   clock,
   counted,
-  daysLeft,
   exposure,
   degrees,
   fixed,
@@ -72,14 +71,6 @@ describe('times and bytes', () => {
       '12.3 ms',
       '120 ms',
       `${fixed(1500)} ms`,
-    ]);
-  });
-  it('states how long a bank lasts', () => {
-    expect([daysLeft(null), daysLeft(3.9), daysLeft(0.5), daysLeft(-1)]).toEqual([
-      'no expiry',
-      '3 d left',
-      '12 h left',
-      'expired',
     ]);
   });
   it('groups hex by bytes and shortens hashes', () => {

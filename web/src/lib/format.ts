@@ -87,12 +87,6 @@ export function exposure(seconds: number): string {
   return `${ms >= 100 ? fixed(ms) : short(Number(ms.toPrecision(3)))} ms`;
 }
 
-export function daysLeft(days: number | null | undefined): string {
-  if (days === null || days === undefined) return 'no expiry';
-  if (days < 0) return 'expired';
-  return days < 1 ? `${Math.floor(days * 24)} h left` : `${Math.floor(days)} d left`;
-}
-
 /** Format the time of day in UTC, with Z. */
 export function clock(iso: string | null | undefined, decimals = 0): string {
   if (!iso) return NONE;

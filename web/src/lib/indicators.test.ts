@@ -15,7 +15,7 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
     'components/shell/Header: isCurrent(current.housekeeping)',
     'components/shell/Header: {#if !device}<StateLamp state="ok" from="housekeeping"',
   ],
-  Bank: ['device', 'components/shell/Header: state={bankState} from="housekeeping"'],
+  Bank: ['device', 'components/shell/Header: state={expiry.state} from="housekeeping"'],
   Dictionary: ['device', 'components/shell/Header: from="housekeeping"'],
   'Worst alarm': [
     'server',

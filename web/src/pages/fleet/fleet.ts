@@ -1,6 +1,7 @@
 /** Cells of a unit on the Fleet page: process, line, alarms, attitude, next pass and active bank. */
 import type { FleetUnit } from '../../api/types';
-import { daysLeft, degrees, fixed, span } from '../../lib/format';
+import { expiryOf } from '../../lib/banks';
+import { degrees, fixed, span } from '../../lib/format';
 import { lampOf, type LampState } from '../../lib/lamp';
 
 /** Time in which a process has reported on a busy machine. A process without a report after this time may hang. */
@@ -71,8 +72,6 @@ export function bankOf(u: FleetUnit): Cell {
   if (!u.current || !u.link) return { state: 'unknown', word: 'unknown' };
   const bank = u.link.active_bank;
   if (!bank) return { state: 'never', word: 'none reported' };
-  const left = bank.days_left;
-  const state: LampState =
-    left === null ? 'ok' : left < 0 ? 'critical' : left < 1 ? 'warning' : left < 4 ? 'watch' : 'ok';
-  return { state, word: `${bank.bank}: ${bank.catalogue_name ?? 'not in this store'}, ${daysLeft(bank.days_left)}` };
+  const { state, word } = expiryOf(bank);
+  return { state, word: `${bank.bank}: ${bank.catalogue_name ?? 'not in this store'}, ${word}` };
 }
