@@ -201,7 +201,10 @@ def test_a_table_is_not_uploaded_while_it_is_erased(bench: Bench) -> None:
     request_id = bench.host.submit(bench.host.encode("VERIFY_TABLE", {"table": "calibration", "bank": "A"}))
     bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
     bench.do("ABORT")
-    assert send(bench, "calibration", "A", calibration(focal_col_px=1.1 * CUBESTAR.camera.focal_col_px)).state == "committed"
+    assert (
+        send(bench, "calibration", "A", calibration(focal_col_px=1.1 * CUBESTAR.camera.focal_col_px)).state
+        == "committed"
+    )
 
 
 def test_a_corrupt_table_is_detected_and_not_used(bench: Bench) -> None:
