@@ -10,7 +10,7 @@ from typing import Unpack
 from gss.device.protocol.codec import EncodedCommand
 from gss.device.session_events import FINAL_STAGES, CommandUpdate, ReportFacts, Stage
 from gss.domain.errors import Conflict, NotFound
-from gss.instruments.dictionary.definitions import CommandDefinition
+from gss.instruments.dictionary.definitions import CommandDefinition, Values
 
 KEPT_COMMANDS = 512
 """Number of commands kept in memory, to recognise late and repeated reports of finished commands."""
@@ -34,6 +34,7 @@ class CommandRecord:
 
     request_id: int
     command: CommandDefinition
+    arguments: Values
     payload: bytes
     stage: Stage = Stage.QUEUED
     attempt: int = 1
@@ -44,7 +45,7 @@ class CommandRecord:
     def event(self, *, late: bool = False, **facts: Unpack[ReportFacts]) -> CommandUpdate:
         """Return the current stage as an event."""
         base = CommandUpdate(self.request_id, self.command.name, self.stage, attempt=self.attempt, late=late)
-        return replace(base, **facts)
+        return replace(base, arguments=self.arguments, **facts)
 
     def to(
         self, stage: Stage, deadline_s: float | None = None, late: bool = False, **facts: Unpack[ReportFacts]
@@ -89,7 +90,7 @@ class CommandQueue:
         return record.to(Stage.UNKNOWN, detail="The server restarted while the command was under way.")
 
     def _make(self, request_id: int, order: EncodedCommand) -> CommandRecord:
-        record = CommandRecord(request_id, order.command, order.payload)
+        record = CommandRecord(request_id, order.command, order.arguments, order.payload)
         self._records[request_id] = record
         self._forget_old()
         return record

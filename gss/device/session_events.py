@@ -74,7 +74,7 @@ class CommandUpdate:
     ``device_time_s``: device time in the report, None for stages that the host sets. ``reason``: name of a rejection or
     failure in the dictionary, "" otherwise. ``detail``: a sentence. ``values``: the command's returned values, at
     COMPLETED. ``progress``: percent, at PROGRESS. ``late``: received after the timeout. ``replayed``: the device
-    repeated a stored report. ``attempt``: 1 for the first sending.
+    repeated a stored report. ``attempt``: 1 for the first sending. ``arguments``: all arguments of the command.
     """
 
     request_id: int
@@ -88,6 +88,7 @@ class CommandUpdate:
     late: bool = False
     replayed: bool = False
     attempt: int = 1
+    arguments: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

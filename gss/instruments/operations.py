@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from gss.domain.errors import Conflict
-from gss.instruments.dictionary.definitions import INTEGER_RANGES, Dictionary, Value, Values
+from gss.instruments.dictionary.definitions import INTEGER_RANGES, Argument, Dictionary, Value, Values
 from gss.instruments.quantities import Strict
 
 SLOT, BANK, TABLE, SCHEDULE_ID = "slot", "bank", "table", "schedule_id"
@@ -167,7 +167,6 @@ class StandardOperations:
 
     def __init__(self, rows: Mapping[Operation, OperationRow], dictionary: Dictionary) -> None:
         self._rows, self.dictionary = dict(rows), dictionary
-        self._of_command = {row.command: operation for operation, row in rows.items() if row.command}
 
     def names(self) -> tuple[Operation, ...]:
         """Return the operations of the instrument."""
@@ -193,9 +192,24 @@ class StandardOperations:
         row = self._rows.get(operation)
         return (row.command if row is not None else None) or operation.value
 
-    def of_command(self, command: str) -> Operation | None:
-        """Return the operation of a command; None if the command has no standard operation."""
-        return self._of_command.get(command)
+    def of_command(self, command: str, arguments: Values) -> Operation | None:
+        """Return the operation of a command with its arguments; None without a standard operation. Several operations can
+        share a command: the operation with most ``fixed`` arguments of which all have these values is returned."""
+        fitting = [
+            operation
+            for operation, row in self._rows.items()
+            if row.command == command and self._has_fixed(row, arguments)
+        ]
+        return max(fitting, key=lambda operation: len(self._rows[operation].fixed), default=None)
+
+    def _has_fixed(self, row: OperationRow, arguments: Values) -> bool:
+        """True if the arguments, or their defaults, have the constant values of a row."""
+        for name, value in row.fixed.items():
+            argument = self.dictionary.command(row.command or "").argument(name)
+            sent = arguments.get(name, argument.default)
+            if sent is None or _comparable(argument, sent) != _comparable(argument, value):
+                return False
+        return True
 
     def call(self, operation: Operation, supplied: Values | None = None) -> Call:
         """Return the operation's command, with its arguments converted from standard arguments. Raises Conflict if the
@@ -237,6 +251,15 @@ class StandardOperations:
         return tuple(
             c.name for c in self.dictionary.command(self.command(Operation.VERIFY_TABLE)).argument(argument).choices
         )
+
+
+def _comparable(argument: Argument, value: Value) -> Value:
+    """Return an enumeration value as its name, bytes in hexadecimal without zeros at the end, and other values unchanged."""
+    if argument.choices and isinstance(value, int):
+        return argument.choice_name(value) or value
+    if argument.type in ("bytes", "rest"):
+        return (value.hex() if isinstance(value, bytes) else str(value)).replace(" ", "").lower().rstrip("0")
+    return value
 
 
 def absence(operation: Operation) -> str:

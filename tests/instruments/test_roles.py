@@ -139,3 +139,24 @@ def test_a_separate_dictionary_keeps_the_operations_it_shares() -> None:
     text = (SHIPPED.parent / "dictionary" / "gss-common.yaml").read_text()
     dictionary = read_dictionary("dictionary.yaml", text.replace("name: TAKE_IMAGE", "name: EXPOSE").encode())
     assert set(Operation) - set(default_roles(dictionary).operations.names()) == {Operation.TAKE_IMAGE}
+
+
+def test_a_shared_command_is_the_operation_of_its_arguments() -> None:
+    """A command of several operations is the one with most fixed arguments of which all fit, with defaults and numbers of
+    choices, or none."""
+    operations = roles_of(
+        "operations:\n"
+        "  set_exposure: {command: TAKE_IMAGE}\n"
+        "  take_image: {command: TAKE_IMAGE, fixed: {slot: 1}}\n"
+        "  abort: {command: TAKE_IMAGE, fixed: {slot: 1, exposure_ms: 0}}\n"
+        "  erase: {command: ERASE_BANK, fixed: {bank: A}}\n"
+    ).operations
+    assert operations.of_command("TAKE_IMAGE", {"slot": 1, "exposure_ms": 0}) is Operation.ABORT
+    assert operations.of_command("TAKE_IMAGE", {"slot": 1}) is Operation.ABORT
+    assert operations.of_command("TAKE_IMAGE", {"slot": 1, "exposure_ms": 5}) is Operation.TAKE_IMAGE
+    assert operations.of_command("TAKE_IMAGE", {"slot": 0, "exposure_ms": 0}) is Operation.SET_EXPOSURE
+    number = operations.dictionary.command("ERASE_BANK").argument("bank").choice("A").value
+    assert operations.of_command("ERASE_BANK", {"bank": number}) is Operation.ERASE
+    assert operations.of_command("ERASE_BANK", {"bank": "B"}) is None
+    assert operations.of_command("ERASE_BANK", {}) is None
+    assert operations.of_command("HELLO", {}) is None

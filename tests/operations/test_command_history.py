@@ -11,7 +11,10 @@ from typing import Any
 import pytest
 
 from gss.device.session_events import Stage
-from gss.domain.errors import BadInput, Conflict, NotPermitted
+from gss.domain.errors import BadInput, Conflict, NotPermitted, StoreDown
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.marked_yaml import parse_yaml
+from gss.instruments.roles import read_roles
 from gss.operations.commanding.command_history import Filter
 from gss.operations.commanding.commanding import REMEMBERED_IDS
 
@@ -22,6 +25,19 @@ pytestmark = pytest.mark.timeout(120)
 def console(make_console):
     """Operator console whose sensor has identified itself."""
     return make_console()
+
+
+@pytest.fixture
+def sent_aborts(console, monkeypatch) -> list[tuple[str, str]]:
+    """Users and sources of ABORTs, which are not sent."""
+    sent: list[tuple[str, str]] = []
+
+    def issue(user: str, source: str) -> None:
+        sent.append((user, source))
+        raise StoreDown("ABORT is not sent in this test")
+
+    monkeypatch.setattr(console.commands._aborts, "issue", issue)
+    return sent
 
 
 def stages(row: Any) -> list[str]:
@@ -44,6 +60,22 @@ def test_a_command_without_authority_is_rejected_with_the_holders_name(console):
     assert console.end(console.commands.abort(user="bob", source="abort").row(20)).result == "completed"
     console.authority.break_("bob", "pass begins")
     assert console.end(console.send("GET_STATUS", user="bob")).result == "completed"
+
+
+def test_only_the_arguments_of_abort_are_abort(console, sent_aborts):
+    """If ABORT shares a command with other operations, the command is ABORT only with ABORT's arguments: other arguments need
+    their permission, and are sent as they are."""
+    text = "operations: {abort: {command: SET_MODE, fixed: {mode: lost_in_space}}, set_mode: {command: SET_MODE}}"
+    console.link.roles = read_roles(parse_yaml("operations.yaml", text.encode()), load_dictionary())
+    console.refused.add("ann")
+    with pytest.raises(NotPermitted):
+        console.send("SET_MODE", mode="tracking")
+    console.refused.clear()
+    assert console.send("SET_MODE", mode="tracking").name == "SET_MODE"
+    assert sent_aborts == []
+    with pytest.raises(StoreDown):
+        console.send("SET_MODE")
+    assert sent_aborts == [("ann", "form")]
 
 
 def test_a_rejected_command_does_not_take_authority(console):
@@ -248,7 +280,6 @@ def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
 
 def test_abort_needs_neither_store_nor_queue(console, monkeypatch):
     """ABORT is sent while the store is locked. It is recorded with all its stages when the store is available again."""
-    from gss.domain.errors import StoreDown
 
     def locked(*_: Any) -> None:
         raise StoreDown("the database cannot be used", got="database is locked")
@@ -266,7 +297,6 @@ def test_abort_needs_neither_store_nor_queue(console, monkeypatch):
 
 def test_reports_during_a_store_lock_are_recorded_later(console, monkeypatch):
     """Reports received while the store is locked are recorded once and in order when it is available again."""
-    from gss.domain.errors import StoreDown
 
     def locked(*_: Any, **__: Any) -> None:
         raise StoreDown("the database cannot be used", got="database is locked")
@@ -306,7 +336,6 @@ def test_an_abort_not_sent_before_a_link_loss_is_not_sent_later(console):
 
 def test_abort_withdraws_queued_commands(console, monkeypatch):
     """ABORT withdraws twenty queued commands. Each records the user who aborted, also if the store was locked."""
-    from gss.domain.errors import StoreDown
 
     def locked(*_: Any) -> None:
         raise StoreDown("the database cannot be used", got="database is locked")

@@ -57,9 +57,11 @@ class Decoded:
 
 @dataclass(frozen=True)
 class EncodedCommand:
-    """A command with its arguments validated and encoded. ``groups``: (argument, bytes) in the order of the payload."""
+    """A command with its arguments validated and encoded. ``arguments``: all values, with defaults. ``groups``: (argument, bytes)
+    in the order of the payload."""
 
     command: CommandDefinition
+    arguments: Values
     groups: tuple[tuple[str, bytes], ...]
 
     @property
@@ -72,7 +74,8 @@ def encode_command(command: CommandDefinition, arguments: Values, order: str = B
     """Validate the arguments of a command, fill in defaults, and encode them. Raises BadInput naming the invalid
     argument."""
     values = check_arguments(command, arguments)
-    return EncodedCommand(command, tuple((a.name, _bytes_of(a, values[a.name], order)) for a in command.arguments))
+    groups = tuple((a.name, _bytes_of(a, values[a.name], order)) for a in command.arguments)
+    return EncodedCommand(command, values, groups)
 
 
 def check_arguments(command: CommandDefinition, arguments: Values) -> dict[str, Value]:

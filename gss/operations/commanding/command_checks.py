@@ -73,7 +73,7 @@ def subsystems_of(
 ) -> frozenset[str]:
     """Return the subsystems of a command. For SCHEDULE, the subsystems of the scheduled command are included. If that command
     cannot be decoded, all subsystems are returned, so raw bytes cannot bypass permissions."""
-    if operations.of_command(command.name) is not Operation.SCHEDULE:
+    if operations.of_command(command.name, arguments) is not Operation.SCHEDULE:
         return frozenset({command.subsystem})
     inner = _carried(operations, command, arguments)
     carried = (
@@ -87,7 +87,7 @@ def _carried(
 ) -> tuple[CommandDefinition, dict[str, Value]] | None:
     """Return the command that SCHEDULE stores on board, with its arguments. Return None if ``command`` is not SCHEDULE
     or if the scheduled command cannot be decoded."""
-    if operations.of_command(command.name) is not Operation.SCHEDULE:
+    if operations.of_command(command.name, arguments) is not Operation.SCHEDULE:
         return None
     return scheduled(operations.dictionary, operations.given(Operation.SCHEDULE, arguments))
 

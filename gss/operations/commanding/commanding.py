@@ -119,7 +119,7 @@ class CommandService:
         if not self._link.connected:
             problems.append(f"the line is down: {self._link.reason}")
         trials: list[Callable[[], None]] = [lambda: check_unit(definition, self._link.hello)]
-        if not self._aborts_all(name):
+        if not self._aborts_all(name, arguments):
             trials += [
                 lambda: self._check_commander(user, name, arguments),
                 lambda: self._link.session.check_allowed(name),
@@ -138,13 +138,13 @@ class CommandService:
         holder = self._authority.holder()
         return DryRun(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, holder)
 
-    def _aborts_all(self, name: str) -> bool:
-        return self._link.roles.operations.of_command(name) is Operation.ABORT
+    def _aborts_all(self, name: str, arguments: Mapping[str, Any]) -> bool:
+        return self._link.roles.operations.of_command(name, arguments) is Operation.ABORT
 
     def check_permitted(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
         """Raise NotPermitted if the user's role does not permit the command. ABORT needs only the permission ``stop``."""
         definition = self._link.dictionary.command(name)
-        if self._aborts_all(name):
+        if self._aborts_all(name, arguments):
             self._permits(user, STOP)
             return
         for subsystem in sorted(subsystems_of(self._link.roles.operations, definition, arguments)):
@@ -189,7 +189,7 @@ class CommandService:
         command is not sent.
         """
         definition = self._link.dictionary.command(name)
-        if self._aborts_all(name):
+        if self._aborts_all(name, arguments):
             if source != SERVER:
                 self.check_permitted(user, name, arguments)
             return self.abort(user=user, source=source).row()

@@ -89,7 +89,7 @@ class ScheduleService:
                         self._clock.restart()
                 needs_list |= event.name in self._table_events
             elif isinstance(event, CommandUpdate) and event.stage is Stage.COMPLETED:
-                operation = self._link.roles.operations.of_command(event.name)
+                operation = self._link.roles.operations.of_command(event.name, event.arguments)
                 needs_list |= operation in (Operation.SCHEDULE, Operation.CANCEL_SCHEDULED)
                 changed |= operation is Operation.LIST_SCHEDULE and self._listed(event)
         if changed:

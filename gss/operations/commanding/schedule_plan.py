@@ -41,8 +41,10 @@ class Plan:
 
 
 def schedulable(operations: StandardOperations, command: CommandDefinition) -> bool:
-    """True if the command can be scheduled on board."""
-    return operations.of_command(command.name) not in NEVER and not command.simulator_only
+    """True if the command can be scheduled on board, with all or some of its arguments."""
+    rows = [operations.require(operation) for operation in NEVER if operations.has(operation)]
+    never = any(row.command == command.name and not row.fixed for row in rows)
+    return not never and not command.simulator_only
 
 
 def make_plan(
@@ -58,7 +60,7 @@ def make_plan(
     """Plan the command ``name`` for a time in UTC (``at``) or device time (``at_device_s``). ``clock``: correlation of the clocks,
     None if unknown. ``now_s``: current UTC as Unix time."""
     inner = operations.dictionary.command(name)
-    problems, warnings = _not_schedulable(operations, inner), list(_warnings(operations, inner))
+    problems, warnings = _not_schedulable(operations, inner, arguments), list(_warnings(operations, inner, arguments))
     if (at is None) == (at_device_s is None):
         problems.append("enter either a UTC time or a device time")
     elif at is not None and clock is not None:
@@ -80,8 +82,10 @@ def make_plan(
     return Plan(tuple(problems), tuple(warnings), at_device_s, moment, uncertainty_s, risk, inner.role, ready)
 
 
-def _not_schedulable(operations: StandardOperations, inner: CommandDefinition) -> list[str]:
-    operation = operations.of_command(inner.name)
+def _not_schedulable(
+    operations: StandardOperations, inner: CommandDefinition, arguments: Mapping[str, Any]
+) -> list[str]:
+    operation = operations.of_command(inner.name, arguments)
     if operation in NEVER:
         return [NEVER[operation]]
     return ["commands of the simulator are not scheduled"] if inner.simulator_only else []
@@ -133,9 +137,9 @@ def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[dateti
         return None, None  # the time is outside the range of datetime
 
 
-def _warnings(operations: StandardOperations, inner: CommandDefinition) -> list[str]:
+def _warnings(operations: StandardOperations, inner: CommandDefinition, arguments: Mapping[str, Any]) -> list[str]:
     warnings = [f"checked on board at execution: {c.text}" for c in inner.preconditions]
-    operation = operations.of_command(inner.name)
+    operation = operations.of_command(inner.name, arguments)
     if operation is Operation.RESET:
         warnings.insert(0, "the device restarts unattended and loses image memory")
     if operation in CONFIRMED_BY:

@@ -37,7 +37,7 @@ class SensorKnowledge:
 
     def completed(self, name: str, arguments: Mapping[str, Any]) -> None:
         """Update after a completed command."""
-        operation = self._operations.of_command(name)
+        operation = self._operations.of_command(name, arguments)
         if operation is Operation.RESET:
             self.forget()
         elif operation in (Operation.SET_HINT, Operation.SET_ORBIT, Operation.SET_PRIOR):

@@ -125,7 +125,7 @@ class UploadedImages:
         """Send the next command of a solution in progress. A failed command ends the solution, because no next command is
         sent."""
         image = self._solving.pop(event.command_id, None)
-        operation = self._link.roles.operations.of_command(event.name)
+        operation = self._link.roles.operations.of_command(event.name, event.arguments)
         if image is None:
             return
         if operation is Operation.LIST_FRAMES:

@@ -47,9 +47,10 @@ def command_of(step: ProcedureStep, operations: StandardOperations) -> tuple[Com
     """Return the command of a step with all its arguments. Raises BadInput, NotFound."""
     name, arguments = command_words(step.words)
     command = operations.dictionary.command(name)
-    if operations.of_command(name) is Operation.ABORT:
+    values = check_arguments(command, {key: _typed(command, key, text) for key, text in arguments.items()})
+    if operations.of_command(name, values) is Operation.ABORT:
         raise BadInput("ABORT cannot be a step of a procedure", expected="another command")
-    return command, check_arguments(command, {key: _typed(command, key, text) for key, text in arguments.items()})
+    return command, values
 
 
 def confirmation_of(step: ProcedureStep, operations: StandardOperations) -> str:

@@ -142,7 +142,7 @@ class BankHistoryService:
 
     def _handle_completion(self, event: CommandUpdate) -> None:
         """Store the command as the cause of the next reports."""
-        operation = self._link.roles.operations.of_command(event.name)
+        operation = self._link.roles.operations.of_command(event.name, event.arguments)
         if operation is Operation.LIST_BANKS:
             self._cause = ("", "")
         elif operation in BANK_OPERATIONS:

@@ -70,7 +70,7 @@ def activations(
         for entry in schedule.state().entries:
             if entry.command is None or entry.state != "waiting":
                 continue
-            if operations.of_command(entry.command) is not Operation.ACTIVATE:
+            if operations.of_command(entry.command, entry.arguments) is not Operation.ACTIVATE:
                 continue
             bank = str(operations.given(Operation.ACTIVATE, entry.arguments).get(BANK, ""))
             period = periods.get(bank)

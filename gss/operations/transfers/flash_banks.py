@@ -39,7 +39,7 @@ class BankFamily:
     def may_have_changed(self, event: LineEvent, roles: Roles) -> bool:
         """True if an event can mean that the banks have changed without a report."""
         if isinstance(event, CommandCompleted):
-            return roles.operations.of_command(event.name) in self.changes
+            return roles.operations.of_command(event.name, event.arguments) in self.changes
         fell_back = roles.events.bank_fell_back if self.query is Operation.LIST_BANKS else roles.events.table_fell_back
         return isinstance(event, DeviceEvent) and event.name == fell_back
 
