@@ -46,6 +46,18 @@ def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
     assert parse_dictionary(yaml.safe_dump(content)).hash != load_dictionary().hash
 
 
+def test_names_that_equal_a_description_key_are_part_of_the_layout() -> None:
+    """The hash depends on an enumeration and on a limit set whose names are also keys of descriptions."""
+    hashes = set()
+    for enum, limits in (([0, 1], 1), ([1, 0], 1), ([0, 1], 2)):
+        content = yaml.safe_load(TEXT)
+        content["enums"]["action"] = [{"name": name, "value": value} for name, value in zip("ab", enum, strict=True)]
+        content["limit_sets"] = [*content.get("limit_sets", ()), {"name": "page"}]
+        content["telemetry"][0]["fields"][0]["sets"] = {"page": {"watch": [0, limits]}}
+        hashes.add(parse_dictionary(yaml.safe_dump(content)).hash)
+    assert len(hashes) == 3
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

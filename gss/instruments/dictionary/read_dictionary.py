@@ -42,22 +42,22 @@ from gss.instruments.marked_yaml import MarkedYaml, parse_yaml
 OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
 SERVICE_PACKETS = ("report", "event", "transfer")
 SECTIONS = ("version", "device_model", "commands", "telemetry", "events", "services")
-DESCRIPTIONS = frozenset(
-    [
-        "purpose",
-        "action",
-        "note",
-        "title",
-        "text",
-        "hazard_reason",
-        "page",
-        "subsystem",
-        "favourite",
-        "decimals",
-        "same_layout_as",
-    ]
+DESCRIPTIVE = (
+    "purpose",
+    "action",
+    "note",
+    "title",
+    "text",
+    "hazard_reason",
+    "page",
+    "subsystem",
+    "favourite",
+    "decimals",
 )
+DESCRIPTIONS = frozenset((*DESCRIPTIVE, "same_layout_as"))
 """Keys that describe a row for users and have no effect on the bytes on the line."""
+NAME_MAPS = ("enums", "sets")
+"""Keys whose value is a map from names to rows."""
 NAME = re.compile(r"[a-z][a-z0-9-]{0,39}")
 WRONG_ROW = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError, NotFound)
 T = TypeVar("T")
@@ -160,9 +160,14 @@ def layout_hash(content: Mapping[str, Any]) -> bytes:
     return hashlib.sha256(json.dumps(_layout(content), sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
-def _layout(content: Any) -> Any:
+def _layout(content: Any, *, names: bool = False) -> Any:
+    """Return rows without descriptions. ``names``: the keys of the content are names, not the keys of a row."""
     if isinstance(content, Mapping):
-        return {key: _layout(value) for key, value in content.items() if key not in DESCRIPTIONS}
+        return {
+            key: _layout(value, names=key in NAME_MAPS and not names)
+            for key, value in content.items()
+            if names or key not in DESCRIPTIONS
+        }
     return [_layout(value) for value in content] if isinstance(content, list) else content
 
 
