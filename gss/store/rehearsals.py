@@ -56,7 +56,6 @@ def _draft(plan: PassPlan) -> PassPlan:
         "detail": "",
         "started": "",
         "finished": "",
-        "reviewed_sha256": "",
     }
     row.items, row.state, row.reason, row.confirm = [dict(item) | initial for item in plan.items], "draft", "", []
     row.armed_by, row.armed, row.started, row.finished = "", None, None, None

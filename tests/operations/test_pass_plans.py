@@ -287,6 +287,24 @@ def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
     assert (mission.sent("ERASE_BANK"), mission.sent("GET_STATUS")) == (1, 0)
 
 
+def test_a_plan_whose_procedure_was_replaced_is_not_armed(mission):
+    """A plan is not armed if its procedure was changed, or deleted and its id has another procedure. The id of a deleted
+    procedure is not used again."""
+    changed, deleted = mission.quick(STATUS, name="Look"), mission.quick(STATUS, name="See")
+    plans = [mission.plan(changed), mission.plan(deleted)]
+    procedures = mission.console.procedures
+    text = procedures.get(changed.procedure_id).text
+    procedures.change(changed.procedure_id, text.replace("GET_STATUS", "STOP_CYCLE"), user="bob")
+    procedures.delete(deleted.procedure_id)
+    assert mission.quick(STANDBY, name="Other").procedure_id > deleted.procedure_id
+    for plan, name in zip(plans, ("Look", "See"), strict=True):
+        assert mission.plans.problems(plan) == [
+            f"Procedure {name} was changed or deleted after the plan was created. Create a new plan."
+        ]
+    with pytest.raises(Conflict, match="cannot be armed"):
+        mission.plans.arm(plans[0].id, [], user="ann")
+
+
 def test_a_procedure_changed_after_arming_is_not_run(mission):
     """If a procedure was changed after arming, the plan fails, and neither version is sent."""
     item = mission.quick(STATUS, name="Look")

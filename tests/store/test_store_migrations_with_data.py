@@ -284,6 +284,20 @@ PROGRESS = [
 ]
 
 
+def test_ids_of_removed_packets_and_procedures_are_not_used_again(database_url, fill_schema):
+    """After the migration, the id of the newest packet or procedure is not used again if the row is removed."""
+    fill_schema(database_url, "0028")
+    migrate(database_url)
+    tables, engine = reflected(database_url).tables, open_engine(database_url)
+    with engine.begin() as connection:
+        connection.execute(tables["procedure_runs"].update().values(procedure_id=None))
+        for table in (tables["telemetry_packets"], tables["procedures"]):
+            connection.execute(table.delete())
+            connection.execute(table.insert(), {k: v for k, v in row_of(table, 1).items() if k != "id"})
+            assert connection.scalars(sa.select(table.c.id)).all() == [ROWS + 1]
+    engine.dispose()
+
+
 def test_a_stack_its_run_plan_and_token_refer_to_a_procedure(database_url, fill_schema):
     """A stack becomes a procedure with the same name, author, time, steps and waits, with a number if the name is used. Its
     run becomes a record with a valid hash. The reviewed item of a plan and the scope of a token refer to procedures."""

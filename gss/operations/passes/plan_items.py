@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Literal
 
-from gss.domain.errors import BadInput, Conflict, GssError
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.procedures.procedures import ProcedureService
 from gss.operations.procedures.runs import ProcedureRunner
@@ -28,7 +28,7 @@ TRANSFER_FAILED = ("failed", "aborted")
 @dataclass(frozen=True)
 class PlanItem:
     """An item of a pass plan. ``content``: kind of a download, with its ``slot`` or ``bank``. ``catalogue_id`` and ``bank``:
-    catalogue and destination of an upload. ``reviewed_sha256``: hash of the procedure when the plan was armed.
+    catalogue and destination of an upload. ``reviewed_sha256``: hash of the procedure when the plan was created.
     ``started_id``: id of the run or transfer. ``started``, ``finished``: ISO 8601."""
 
     kind: ItemKind
@@ -81,7 +81,7 @@ class ItemControl:
         if item.kind == "procedure" and item.procedure_id is not None:
             procedure = self._procedures.get(item.procedure_id)
             self._procedures.valid(procedure)
-            return replace(item, title=f"Procedure {procedure.name}")
+            return replace(item, title=f"Procedure {procedure.name}", reviewed_sha256=self._hash(item))
         if item.kind == "upload" and item.catalogue_id is not None and item.bank:
             return replace(item, title=f"Upload {self._catalogues.get(item.catalogue_id).name} to bank {item.bank}")
         if item.kind == "download" and item.content and (item.slot is None) != (item.bank is None):
@@ -103,10 +103,12 @@ class ItemControl:
                 names |= dict.fromkeys(self._procedure_runs.confirmations(item.procedure_id, user=user))
         return list(names)
 
-    def reviewed(self, item: PlanItem) -> PlanItem:
-        """Return the item with the hash of its procedure, which the user reviews before arming the plan. An item with a
-        different hash is not started."""
-        return replace(item, reviewed_sha256=self._hash(item))
+    def changed(self, item: PlanItem) -> bool:
+        """True if the procedure of the item was changed or deleted after the plan was created."""
+        try:
+            return item.reviewed_sha256 != self._hash(item)
+        except NotFound:
+            return True
 
     def _hash(self, item: PlanItem) -> str:
         """Return the SHA-256 of the procedure's text. Return "" for a transfer, because the content of a transfer has a

@@ -98,6 +98,11 @@ class PlanService:
             )
         if row.set <= self._now():
             problem_texts.append("The pass is over. Create a plan for a coming pass.")
+        problem_texts += [
+            f"{item.title} was changed or deleted after the plan was created. Create a new plan."
+            for item in items_of(row)
+            if self._control.changed(item)
+        ]
         current = self._spacecraft.current()
         if current is None or not current.plannable:
             problem_texts.append(current.advice if current else "No orbit was imported.")
@@ -120,7 +125,6 @@ class PlanService:
         row = self.get(plan_id)
         if row.state != "draft":
             raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Create a new plan.")
-        items = [self._control.reviewed(item) for item in items_of(row)]
         missing = [name for name in self.to_confirm(row, user=user) if name not in confirm]
         problems = self.problems(row)
         if problems:
@@ -128,7 +132,7 @@ class PlanService:
         if missing:
             raise BadInput("the plan has commands that need confirmation", expected=f"typed: {', '.join(missing)}")
         self._commands.require_user(user)
-        row = self.change(plan_id, items, state="armed", armed_by=user, armed=self._now(), confirm=list(confirm))
+        row = self.change(plan_id, state="armed", armed_by=user, armed=self._now(), confirm=list(confirm))
         self._bus.record("pass", "watch", f"{user} armed the plan {row.name} for {row.rise:%Y-%m-%d %H:%M:%S} UTC")
         return row
 

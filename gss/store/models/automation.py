@@ -29,7 +29,7 @@ class DerivedParameter(Base):
 
 
 class Procedure(Base):
-    """Procedure as Markdown text."""
+    """Procedure as Markdown text. The id of a deleted procedure is not used again."""
 
     __tablename__ = "procedures"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -37,6 +37,7 @@ class Procedure(Base):
     text: Mapped[str] = mapped_column(Text)
     author: Mapped[str] = mapped_column(String(60))
     changed: Mapped[datetime]
+    __table_args__ = ({"sqlite_autoincrement": True},)
 
 
 class ProcedureRun(Base):

@@ -82,7 +82,7 @@ class CommandStage(Base):
 
 
 class TelemetryPacket(Base):
-    """Decoded packet, with engineering values by field name."""
+    """Decoded packet, with engineering values by field name. ``id`` always increases."""
 
     __tablename__ = "telemetry_packets"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -92,7 +92,10 @@ class TelemetryPacket(Base):
     device_time_s: Mapped[float]
     request_id: Mapped[int] = mapped_column(BigInteger)
     values: Mapped[JsonObject]
-    __table_args__ = (Index("ix_telemetry_packets_packet_received", "packet", "received"),)
+    __table_args__ = (
+        Index("ix_telemetry_packets_packet_received", "packet", "received"),
+        {"sqlite_autoincrement": True},
+    )
 
 
 class TelemetryRollup(Base):
