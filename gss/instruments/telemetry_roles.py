@@ -4,6 +4,7 @@ report the quantity.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Literal
@@ -13,7 +14,7 @@ from pydantic import Field, field_validator
 
 from gss.domain.angles import Array
 from gss.domain.rotation import quaternion_from_matrix
-from gss.instruments.dictionary.definitions import Group, PacketDefinition, Value
+from gss.instruments.dictionary.definitions import Group, Item, PacketDefinition, Value
 from gss.instruments.quantities import Strict
 
 Name = Annotated[str, Field(max_length=60)]
@@ -22,6 +23,8 @@ Quaternion = tuple[float, float, float, float]
 AxisName = Literal["+x", "+y", "+z", "-x", "-y", "-z"]
 CAMERA_AXES = ("+x", "+y", "+z")
 NOT_A_FIELD = ("packet", "order", "rotation", "camera_axes", "entry")
+LONGEST_CHOICE = {("FrameInfo", "mode"): 20, ("BankInfo", "bank"): 12, ("BankInfo", "state"): 12}
+"""Longest names of choices that the database can store, by role and quantity."""
 UNITS = {"_ms": "ms", "_deg": "deg", "_arcsec": "arcsec", "_dn": "DN", "_deg_s": "deg/s", "_s": "s"}
 """Unit of a quantity by the suffix of its name. If the sensor uses another unit, the dictionary must define a
 conversion."""
@@ -286,6 +289,10 @@ def check_packet(role: PacketRole, packets: Mapping[str, PacketDefinition]) -> t
         if name not in layout:
             return (quantity.split(".")[0],), f"{role.packet} has no field {name}"
         field, unit = layout[name], _unit(quantity)
+        longest = LONGEST_CHOICE.get((type(role).__name__, quantity), math.inf)
+        for choice in field.choices if isinstance(field, Item) else ():
+            if len(choice.name) > longest:
+                return (quantity,), f"the choice {choice.name} of {name} has more than {longest} characters"
         if not isinstance(field, Group) and unit and field.unit and field.unit != unit:
             return (quantity,), f"{name} is in {field.unit}, not {unit}; give the field a conversion in the dictionary"
     if isinstance(role, ItemList) and role.entry is not None:

@@ -63,6 +63,10 @@ def test_names_that_equal_a_description_key_are_part_of_the_layout() -> None:
     [
         ("code: 2\n    subsystem", "code: 1\n    subsystem", "appears twice"),
         ("name: GET_STATUS", "name: HELLO", "appears twice"),
+        ("name: GET_STATUS", f"name: {'G' * 61}", "the name is too long; expected at most 60 characters; got 61"),
+        ("name: housekeeping\n", f"name: {'h' * 41}\n", "expected at most 40 characters; got 41"),
+        ("name: uptime_s,", f"name: {'u' * 41},", "the name is too long; expected at most 53 characters; got 54"),
+        ("limit_sets:\n", f"limit_sets:\n  - {{name: {'s' * 31}}}\n", "expected at most 30 characters; got 31"),
         ("min: 1, max: 2000, default: 250", "min: 1, max: 2000, default: 2250", "default is not allowed"),
         ("min: 1, max: 2000, default: 250", "min: 1, max: 70000, default: 250", "does not fit u16"),
         ("type: u16, unit: ms, min: 1, max: 2000,", "type: u12, unit: ms, min: 1, max: 2000,", "unknown type"),

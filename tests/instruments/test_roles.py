@@ -55,6 +55,11 @@ def test_every_command_is_in_a_subsystem_that_has_a_permission() -> None:
             "line 2: operations.take_image.arguments.gain",
             "it has slot, exposure_s",
         ),
+        (
+            "quantities:\n  bank:\n    packet: attitude\n    state: mode\n",
+            "line 4: quantities.bank.state",
+            "the choice lost_in_space of mode has more than 12 characters",
+        ),
         ("quantities:\n  status: {packet: state}\n", "line 2: quantities.status.packet", "no packet state"),
         ("quantities:\n  status: {mode: mode}\n", "line 2: quantities.status.packet", "no packet (empty)"),
         (

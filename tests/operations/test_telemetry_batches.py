@@ -206,6 +206,18 @@ def test_old_packets_do_not_become_current_values(tmp_path: Path, clock: Any) ->
     assert "2 telemetry packets" in str(warnings[0])
 
 
+def test_only_a_packet_that_the_database_rejects_is_lost(tmp_path: Path, clock: Any) -> None:
+    """A packet with a value that the database cannot hold is counted and stated by one event. The others are stored."""
+    ground = BatchHarness(tmp_path / "rejected", clock)
+    for n in range(2):
+        first, second, third, *_ = [p for p in packets(60, n) if p.packet == "timing"]
+        ground.receive(first, replace(second, request_id=10**30), third)
+    assert len(ground.rows("telemetry_packets")) == 4
+    assert (ground.telemetry.unstored, ground.telemetry.store_fails) == (2, "")
+    assert sum("is in the raw capture only" in str(row) for row in ground.rows("events")) == 1
+    ground.database.close()
+
+
 def test_stored_packets_reach_the_disk_once_a_second(tmp_path: Path, clock: Any, monkeypatch: Any) -> None:
     """Telemetry is committed durably once per second, so that a power failure loses at most one second of rows."""
     ground = BatchHarness(tmp_path / "one", clock)

@@ -35,6 +35,7 @@ from gss.instruments.dictionary.read_items import (
     read_group,
     read_item,
     read_layout,
+    read_name,
     unique,
 )
 from gss.instruments.marked_yaml import MarkedYaml, parse_yaml
@@ -119,11 +120,10 @@ def _placed(file: MarkedYaml, path: tuple[str | int, ...], error: Exception) -> 
     type."""
     if isinstance(error, BadInput):
         return BadInput(f"{file.name}, line {file.line(path)}: {error.message}", expected=error.expected, got=error.got)
-    got = f"{type(error).__name__}: {error}"[:200]
     return BadInput(
         f"{file.name}, line {file.line(path)}: a key is missing from a row, or a value has the wrong type",
         expected="the keys and types of this row",
-        got=got,
+        got=f"{type(error).__name__}: {error}"[:200],
     )
 
 
@@ -172,7 +172,7 @@ def _layout(content: Any, *, names: bool = False) -> Any:
 
 
 def _command(row: Row, enums: Enums) -> CommandDefinition:
-    name = str(row["name"])
+    name = read_name("command", row)
     known_keys(
         name,
         row,
@@ -212,7 +212,7 @@ def _precondition(where: str, row: Row) -> Precondition:
 
 
 def _packet(row: Row, enums: Enums) -> PacketDefinition:
-    name = str(row["name"])
+    name = read_name("packet", row)
     known_keys(name, row, "name code purpose fields stale_after_s simulator_only")
     stale_after_s = float(row["stale_after_s"])
     fields: list[Item | Group] = []
@@ -228,6 +228,7 @@ def _packet(row: Row, enums: Enums) -> PacketDefinition:
 
 
 def _field(where: str, row: Row, enums: Enums, stale_after_s: float) -> TelemetryField:
+    read_name("field", row, where)
     known_keys(
         f"{where}.{row.get('name')}",
         row,
@@ -271,7 +272,7 @@ def _persistence(where: str, value: object) -> int:
 
 def _limit_set(row: Row) -> LimitSet:
     known_keys("limit set", row, "name note")
-    return LimitSet(str(row["name"]), str(row.get("note", "")))
+    return LimitSet(read_name("limit set", row), str(row.get("note", "")))
 
 
 def _pair(where: str, value: Sequence[float | None]) -> tuple[float | None, float | None]:

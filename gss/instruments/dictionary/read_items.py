@@ -21,6 +21,8 @@ from gss.instruments.dictionary.definitions import (
 ITEM_KEYS = "name type enum unit decimals purpose"
 SIZED = re.compile(r"(bytes|str)([1-9][0-9]{0,2})")
 PLAIN_TYPES = (*INTEGER_RANGES, *FLOATS, "bool", "enum", "text", "rest")
+LONGEST = {"command": 60, "packet": 40, "field": 53, "limit set": 30}
+"""Longest names that the database can store; of a field as ``packet.field``."""
 COUNTS, MAX_SLOTS = ("u8", "u16"), 255
 Row = Mapping[str, Any]
 Enums = dict[str, tuple[EnumChoice, ...]]
@@ -44,6 +46,16 @@ def unique(where: str, keys: Sequence[object]) -> None:
     doubles = {k for k in keys if keys.count(k) > 1}
     if doubles:
         raise BadInput(f"{where}: an entry appears twice", got=", ".join(map(str, sorted(doubles, key=str))))
+
+
+def read_name(kind: str, row: Row, packet: str = "") -> str:
+    """Return the name of a row. ``packet``: packet of a field. Raises BadInput if the database cannot store the name."""
+    name = str(row["name"])
+    key = f"{packet}.{name}" if packet else name
+    if len(key) > LONGEST[kind]:
+        expected = f"at most {LONGEST[kind]} characters"
+        raise BadInput(f"{kind} {key}: the name is too long", expected=expected, got=str(len(key)))
+    return name
 
 
 def known_keys(where: str, row: Row, keys: str) -> None:

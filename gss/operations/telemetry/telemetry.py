@@ -12,7 +12,7 @@ from typing import Any
 
 from gss.device.protocol.packet import Arrival
 from gss.device.session_events import Telemetry
-from gss.domain.errors import StoreDown
+from gss.domain.errors import BadInput, StoreDown
 from gss.instruments.dictionary.definitions import Dictionary, TelemetryField, Values
 from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Now, after_jump
@@ -184,6 +184,7 @@ class TelemetryService:
         """Number of packets that were delayed or repeated on the line since the server started."""
         self._old_recorded, self._old_due_s = 0, 0.0
         self._unstored_from = 0
+        self._rejected: set[str] = set()
         self._try_at_s = 0.0
         self._durable_due_s = -math.inf
 
@@ -236,8 +237,9 @@ class TelemetryService:
         )
 
     def _store(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
-        """Store all packets or none. Limits are always checked, because alarms must not depend on the disk. While the
-        store is down, only one attempt is made per ``TRY_EVERY_S``, because each attempt can block for seconds."""
+        """Store all packets or none. A packet that the database rejects is lost, and the others are stored. Limits are always
+        checked, because alarms must not depend on the disk. While the store is down, only one attempt is made per
+        ``TRY_EVERY_S``, because each attempt can block for seconds."""
         if not packets:
             return
         cause = "" if self._has_room() else "the disk is full"
@@ -248,6 +250,12 @@ class TelemetryService:
                 with self._database.unit_of_work(durable=self._is_durable(batch)) as session:
                     store.add_many(session, [self._row(packet, batch.at) for packet in packets])
                     self.rollups.wrote(session, [packet.packet for packet in packets], batch.at)
+            except BadInput as error:
+                if len(packets) == 1:
+                    self._lose(packets[0], error)
+                for packet in packets if len(packets) > 1 else ():
+                    self._store([packet], batch)
+                return
             except StoreDown as error:
                 cause, self._try_at_s = str(error), batch.at_s + TRY_EVERY_S
         before, self.store_fails = self.store_fails, cause
@@ -259,6 +267,13 @@ class TelemetryService:
             self._record_event("watch", f"{STORED_AGAIN}; {lost} earlier packets are in the raw capture only")
         if cause:
             self.unstored += len(packets)
+
+    def _lose(self, packet: Telemetry, error: BadInput) -> None:
+        """Count a packet that the database rejects. An event states the first one of each name."""
+        self.unstored += 1
+        if packet.packet not in self._rejected:
+            self._rejected.add(packet.packet)
+            self._record_event("warning", f"a packet {packet.packet} is in the raw capture only: {error}")
 
     def _is_durable(self, batch: LineBatch) -> bool:
         """True once per ``DURABLE_EVERY_S``. A wait for the disk in every batch would take longer than the commits
