@@ -12,6 +12,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from gss.store import paging
+from gss.store.engine import Database
 from gss.store.models import AuditRow
 
 GUARDS = {
@@ -86,9 +87,9 @@ def page(session: Session, filters: AuditFilter, limit: int, before: int | None 
     return paging.newest(session, filters.apply(select(AuditRow)), AuditRow.seq, limit, before)
 
 
-def iterate_all(session: Session, filters: AuditFilter) -> Iterator[AuditRow]:
+def iterate_all(database: Database, filters: AuditFilter) -> Iterator[AuditRow]:
     """Yield all matching rows, oldest first, read in batches."""
-    return paging.iterate_all(session, filters.apply(select(AuditRow)), AuditRow.seq)
+    return paging.iterate_all(database, filters.apply(select(AuditRow)), AuditRow.seq)
 
 
 def hashes(session: Session, numbers: Iterable[int]) -> dict[int, str]:

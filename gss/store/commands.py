@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from gss.domain.errors import NotFound
 from gss.domain.json_object import JsonObject
 from gss.store import paging
+from gss.store.engine import Database
 from gss.store.models import Choice, Command, CommandStage
 
 USED_IDS = "request_ids.used"
@@ -114,9 +115,9 @@ def page(session: Session, filters: Filter, limit: int, before: int | None = Non
     return paging.newest(session, filters.apply(select(Command)), Command.id, limit, before)
 
 
-def iterate_all(session: Session, filters: Filter) -> Iterator[Command]:
+def iterate_all(database: Database, filters: Filter) -> Iterator[Command]:
     """Yield all matching commands, oldest first, read in batches."""
-    return paging.iterate_all(session, filters.apply(select(Command)), Command.id)
+    return paging.iterate_all(database, filters.apply(select(Command)), Command.id)
 
 
 def facets(session: Session) -> dict[str, list[str]]:

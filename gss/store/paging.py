@@ -8,6 +8,8 @@ from typing import TypeVar
 from sqlalchemy import Select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from gss.store.engine import Database
+
 Row = TypeVar("Row")
 BATCH = 500
 
@@ -20,10 +22,14 @@ def newest(
     return list(session.scalars(query if before is None else query.where(number < before)))
 
 
-def iterate_all(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
-    """Yield all rows, oldest first, read in batches. Rows are expunged after use to limit the memory."""
+def iterate_all(database: Database, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
+    """Yield all rows, oldest first, read in batches. No transaction stays open between batches, because the reader can be
+    slow."""
     last_number = 0
-    while rows := list(session.scalars(query.where(number > last_number).order_by(number).limit(BATCH))):
+    while True:
+        with database.unit_of_work() as session:
+            rows = list(session.scalars(query.where(number > last_number).order_by(number).limit(BATCH)))
+        if not rows:
+            return
         yield from rows
         last_number = getattr(rows[-1], number.key)
-        session.expunge_all()

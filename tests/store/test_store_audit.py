@@ -152,10 +152,9 @@ def remove_triggers(database) -> None:
 def rewrite_log(database, without: int) -> None:
     """Delete a row and rebuild numbers and hashes of all later ones, so that the chain itself is intact."""
     remove_triggers(database)
+    rows = [AuditRow(**{f: getattr(row, f) for f in FIELDS}) for row in iterate_all(database, AuditFilter())]
     with database.unit_of_work() as session:
-        rows = [AuditRow(**{f: getattr(row, f) for f in FIELDS}) for row in iterate_all(session, AuditFilter())]
         session.execute(text("DELETE FROM audit"))
-        session.expunge_all()
         previous = FIRST
         for number, row in enumerate((row for row in rows if row.seq != without), 1):
             row.seq, row.previous = number, previous

@@ -55,15 +55,17 @@ def test_a_filter_means_the_same_in_every_database(database_with_commands, filte
     literally, ignoring case."""
     with database_with_commands.unit_of_work() as session:
         assert [row.id for row in commands.page(session, filter_used, 100)] == ids
-        assert [row.id for row in commands.iterate_all(session, filter_used)] == ids[::-1]
+    assert [row.id for row in commands.iterate_all(database_with_commands, filter_used)] == ids[::-1]
 
 
 def test_an_export_in_batches_has_no_gaps_or_duplicates(database_with_commands, monkeypatch):
-    """With any batch size, each row is returned once with its stages."""
+    """With any batch size, each row is returned once with its stages, and no connection is held for the reader."""
     for size in (1, 2, 3, 6, 7):
         monkeypatch.setattr(paging, "BATCH", size)
-        with database_with_commands.unit_of_work() as session:
-            rows = [(row.id, [s.stage for s in row.stages]) for row in commands.iterate_all(session, Filter())]
+        rows = []
+        for row in commands.iterate_all(database_with_commands, Filter()):
+            assert database_with_commands.engine.pool.checkedout() == 0
+            rows.append((row.id, [s.stage for s in row.stages]))
         assert rows == [(k, ["queued"]) for k in range(1, 7)]
 
 

@@ -122,15 +122,14 @@ class AuditService:
 
     def export(self, kind: str, filters: AuditFilter | None = None) -> Iterator[str]:
         """Yield all matching rows, oldest first, as JSON lines or CSV."""
-        with self._database.unit_of_work() as session:
+        if kind == "csv":
+            yield _csv_line(FIELDS)
+        for row in store.iterate_all(self._database, filters or AuditFilter()):
+            values = row_values(row)
             if kind == "csv":
-                yield _csv_line(FIELDS)
-            for row in store.iterate_all(session, filters or AuditFilter()):
-                values = row_values(row)
-                if kind == "csv":
-                    yield _csv_line([_harmless(str(values[field])) for field in FIELDS])
-                else:
-                    yield json.dumps(values, ensure_ascii=False) + "\n"
+                yield _csv_line([_harmless(str(values[field])) for field in FIELDS])
+            else:
+                yield json.dumps(values, ensure_ascii=False) + "\n"
 
     def verify(self, known_hash: str = "") -> AuditVerdict:
         """Read the complete log, verify all hashes, and compare the log with the anchor file. ``known_hash``: hash that was noted
@@ -180,19 +179,19 @@ class AuditService:
 
     def _verify_chain(self, known_hash: str) -> AuditVerdict:
         seq, previous, hash_seen = 0, FIRST, not known_hash
+        try:
+            for row in store.iterate_all(self._database, AuditFilter()):
+                if row.seq != seq + 1:
+                    return AuditVerdict(seq, previous, f"rows {seq + 1} to {row.seq - 1} are missing")
+                if row.previous != previous:
+                    return AuditVerdict(seq, previous, f"row {row.seq} does not follow row {seq}")
+                if row.hash not in (hash_of(row), hash_of(row, ONCE)):
+                    return AuditVerdict(seq, previous, f"row {row.seq} was changed")
+                seq, previous = row.seq, row.hash
+                hash_seen = hash_seen or row.hash == known_hash
+        except ValueError as error:  # an invalid time
+            return AuditVerdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
         with self._database.unit_of_work() as session:
-            try:
-                for row in store.iterate_all(session, AuditFilter()):
-                    if row.seq != seq + 1:
-                        return AuditVerdict(seq, previous, f"rows {seq + 1} to {row.seq - 1} are missing")
-                    if row.previous != previous:
-                        return AuditVerdict(seq, previous, f"row {row.seq} does not follow row {seq}")
-                    if row.hash not in (hash_of(row), hash_of(row, ONCE)):
-                        return AuditVerdict(seq, previous, f"row {row.seq} was changed")
-                    seq, previous = row.seq, row.hash
-                    hash_seen = hash_seen or row.hash == known_hash
-            except ValueError as error:  # an invalid time
-                return AuditVerdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
             strays = store.count_before_start(session)
         if strays:
             return AuditVerdict(seq, previous, f"{strays} rows precede the first row")

@@ -59,9 +59,8 @@ class CommandHistory:
     def records(self, filters: Filter) -> Iterator[Mapping[str, object]]:
         """Yield all matching commands as plain values, oldest first."""
         _check(filters)
-        with self._database.unit_of_work() as session:
-            for row in store.iterate_all(session, filters):
-                yield _facts(row)
+        for row in store.iterate_all(self._database, filters):
+            yield _facts(row)
 
 
 def _check(filters: Filter) -> None:
