@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -56,9 +57,11 @@ class Filter:
             if value is not None:
                 conditions.append(column == value)
         if self.text:
-            columns = (Command.name, cast(Command.arguments, String), Command.detail, Command.resolved_note)
-            searched = (*columns, cast(Command.values, String))
-            conditions.append(or_(*(c.icontains(self.text, autoescape=True) for c in searched)))
+            stored = (cast(Command.arguments, String), cast(Command.values, String))
+            columns = (Command.name, Command.detail, Command.resolved_note, *stored)
+            escaped = json.dumps(self.text)[1:-1]  # JSON is stored with escaped characters
+            searched = [(c, self.text) for c in columns] + [(c, escaped) for c in stored]
+            conditions.append(or_(*(c.icontains(text, autoescape=True) for c, text in searched)))
         return query.where(*conditions)
 
 

@@ -20,6 +20,7 @@ def database_with_commands(database):
     with database.unit_of_work() as session:
         for k in range(6):
             name, arguments = ("RESET", {}) if k % 2 else ("SET_EXPOSURE", {"exposure_ms": 100 + k})
+            arguments = {"text": "Prüfung"} if k == 1 else arguments
             row = commands.add(
                 session,
                 T0 + timedelta(minutes=k),
@@ -45,6 +46,7 @@ def database_with_commands(database):
         (Filter(text="exposure_MS"), [5, 3, 1]),
         (Filter(text="50 % of"), [6]),
         (Filter(text="7_x"), [6]),
+        (Filter(text="Prüf"), [2]),
         (Filter(text="50%"), []),
         (Filter(text="1%2"), []),
         (Filter(run_id=1), []),
