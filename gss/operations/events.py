@@ -105,10 +105,14 @@ class EventBus:
         with self._database.unit_of_work() as session:
             return store.after(session, seq, limit)
 
-    def between(self, start: datetime, end: datetime, limit: int) -> list[Event]:
-        """Return the latest recorded events of a time span, at most ``limit``, oldest first."""
+    def between(
+        self, start: datetime | None, end: datetime | None, limit: int, after: int | None = None
+    ) -> list[Event]:
+        """Return at most ``limit`` recorded events of a time span, oldest first: the first after the number ``after``, or the
+        latest. A number above the latest is of another database, as after a restore; then the latest are returned."""
         with self._database.unit_of_work() as session:
-            return store.between(session, start, end, limit)
+            known = after is not None and after <= store.last_seq(session)
+            return store.between(session, start, end, limit, after if known else None)
 
     def newest(self) -> int:
         """Return the number of the latest recorded event, or 0 if there is none."""

@@ -24,9 +24,18 @@ def after(session: Session, seq: int, limit: int) -> list[Event]:
     return list(session.scalars(select(Event).where(Event.seq > seq).order_by(Event.seq).limit(limit)))
 
 
-def between(session: Session, start: datetime, end: datetime, limit: int) -> list[Event]:
-    """Return the newest ``limit`` events of a time range, oldest first."""
-    query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq.desc()).limit(limit)
+def between(
+    session: Session, start: datetime | None, end: datetime | None, limit: int, seq: int | None = None
+) -> list[Event]:
+    """Return events of a time range with any end, oldest first: the first ``limit`` after ``seq``, or the newest ``limit``
+    without ``seq``."""
+    query = select(Event).limit(limit).order_by(Event.seq.desc() if seq is None else Event.seq)
+    if start is not None:
+        query = query.where(Event.at >= start)
+    if end is not None:
+        query = query.where(Event.at <= end)
+    if seq is not None:
+        return list(session.scalars(query.where(Event.seq > seq)))
     return list(session.scalars(query))[::-1]
 
 

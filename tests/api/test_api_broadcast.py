@@ -180,6 +180,25 @@ def test_a_returning_subscriber_gets_every_recorded_event_once(bus, monkeypatch)
     asyncio.run(run())
 
 
+def test_a_number_of_another_database_resumes_at_the_newest(bus):
+    """If the last received number is above the newest, as after a restore, the stream reports dropped events and sends new
+    ones."""
+    bus.record("k", "ok", "1")
+
+    async def run() -> None:
+        broadcaster, connection = Broadcaster(StreamCounts()), Connection()
+        async with running_presenter(bus, broadcaster):
+            task = start_stream(bus, broadcaster, connection, after=50)
+            await wait_until(lambda: any(topic == "link" for topic, _, _ in connection.messages()))
+            bus.record("k", "ok", "2")
+            await wait_until(lambda: connection.messages()[-1][2] == "2")
+            connection.gone.set()
+            await task
+        assert connection.messages()[0][0] == "dropped"
+
+    asyncio.run(run())
+
+
 def test_an_absence_longer_than_the_back_fill_is_reported(bus, monkeypatch):
     """The stream announces how many older events it does not send again."""
     monkeypatch.setattr(stream, "PAGE", 2)

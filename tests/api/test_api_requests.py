@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import time
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.render import render
+from gss.store.events import add as add_event
 
 
 def png_of(pixels) -> bytes:
@@ -269,6 +271,28 @@ def test_events_are_ordered_and_resume_after_a_number(client):
     events = client.get("/api/events").json()
     assert [e["seq"] for e in events] == sorted(e["seq"] for e in events)
     assert client.get("/api/events", params={"after": events[-1]["seq"]}).json() == []
+
+
+def test_events_are_selected_by_number_and_time(client):
+    """Each of after, start and end is optional. With after, the first events are returned, otherwise the latest ones of the
+    time span. A number above the newest is of another database, and the latest events are returned."""
+    first = datetime.now(UTC).replace(microsecond=0) + timedelta(hours=1)
+    with client.app.state.services.base.database.unit_of_work() as session:
+        for k in range(4):
+            add_event(session, first + timedelta(seconds=k), "k", "ok", f"event {k}", {})
+
+    def selected(**params):
+        return [event["seq"] for event in client.get("/api/events", params=params).json()]
+
+    times = {event["seq"]: event["at"] for event in client.get("/api/events").json()}
+    *_, third, second, newest = numbers = list(times)
+    assert selected(start=times[second], limit=2) == [second, newest]
+    assert selected(end=times[second], limit=2) == [third, second]
+    assert selected(start=times[third], end=times[second]) == [third, second]
+    assert selected(start=times[third], after=0, limit=1) == [third]
+    assert selected(after=third, end=times[second]) == [second]
+    assert selected(after=newest + 100, limit=2) == [second, newest]
+    assert selected() == numbers
 
 
 @pytest.mark.parametrize("row", ["0", "-1", "2147483648", "9223372036854775808", "1180591620717411303424", "x"])

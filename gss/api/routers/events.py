@@ -18,12 +18,15 @@ router = api_router("events")
 @router.get("/events")
 def list_events(
     app: App,
-    after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
+    after: Annotated[int | None, Query(ge=0, le=MAX_ID)] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 200,
     start: QueryTime | None = None,
     end: QueryTime | None = None,
 ) -> list[EventOut]:
-    """Events with an id above ``after`` or, with ``start`` and ``end``, the latest events of that time range. Oldest
-    first."""
-    rows = app.base.bus.after(after, limit) if start is None or end is None else app.base.bus.between(start, end, limit)
+    """Events from ``start`` to ``end``, each optional, oldest first: the first with a number above ``after``, or, with a time
+    and without ``after``, the latest. If ``after`` is above the newest number, as after a restore of an older database, the
+    latest events are returned."""
+    if after is None and start is None and end is None:
+        after = 0
+    rows = app.base.bus.between(start, end, limit, after)
     return [present.records.event(row) for row in rows]

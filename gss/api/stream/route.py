@@ -84,6 +84,7 @@ class EventStream(Response):
         for _ in range(PAGES):
             rows = await asyncio.to_thread(self._services.base.bus.after, self._seq, PAGE)
             if not rows:
+                await self._restart_after_newest(send)
                 return
             self._seq = rows[-1].seq
             await _send(send, b"".join(wire("event", present.records.event(row), str(row.seq)).data for row in rows))
@@ -92,6 +93,14 @@ class EventStream(Response):
         newest = await asyncio.to_thread(self._services.base.bus.newest)
         if newest > self._seq:
             await _send(send, wire("dropped", {"dropped": newest - self._seq}, None).data)
+            self._seq = newest
+
+    async def _restart_after_newest(self, send: Send) -> None:
+        """If the last received number is above the newest, it is of another database, as after a restore. Report that events
+        were dropped, and continue after the newest."""
+        newest = await asyncio.to_thread(self._services.base.bus.newest)
+        if self._seq is not None and newest < self._seq:
+            await _send(send, wire("dropped", {"dropped": self._seq - newest}, None).data)
             self._seq = newest
 
     async def _first(self, send: Send) -> bool:

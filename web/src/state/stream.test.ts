@@ -21,7 +21,8 @@ class Fake implements StreamSource {
   }
 }
 
-function rig(missed: EventRow[] = []) {
+/** `restored`: the server returns its latest events, because the number is of another database. */
+function rig(missed: EventRow[] = [], restored = false) {
   const log: string[] = [];
   const sources: { after: number; fake: Fake }[] = [];
   const waits: { ms: number; run: () => void }[] = [];
@@ -41,7 +42,7 @@ function rig(missed: EventRow[] = []) {
         sources.push({ after, fake });
         return fake;
       },
-      backfill: async (after) => missed.filter((e) => e.seq > after),
+      backfill: async (after) => missed.filter((e) => restored || e.seq > after),
       later: (run, ms) => waits.push({ ms, run }),
       watch: (check) => checks.push(check),
       now: () => clock.ms,
@@ -111,6 +112,17 @@ describe('the event stream', () => {
     sources[1]?.fake.onopen?.(new Event('open'));
     await settle();
     expect(log).toEqual(['event 1', 'offline 7', 'event 2', 'event 3', 'back 2']);
+  });
+  it('continues after the newest event of another database, as after a restore', async () => {
+    const { stream, log, sources, waits } = rig([row(1), row(2)], true);
+    stream.start();
+    stream.received(...event(9));
+    sources[0]?.fake.onerror?.(new Event('error'));
+    waits[0]?.run();
+    sources[1]?.fake.onopen?.(new Event('open'));
+    await settle();
+    stream.received(...event(3));
+    expect(log).toEqual(['event 9', 'offline 7', 'back 0', 'event 3']);
   });
   it('does not report that it is back if the connection fails while missed events are fetched', async () => {
     const { stream, log, sources, waits } = rig([row(1), row(2)]);

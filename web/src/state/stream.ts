@@ -106,9 +106,21 @@ export class Stream {
   }
 
   private async recover(after: number, before: number): Promise<void> {
-    const missed = await this.parts.backfill(after).catch(() => []);
+    const missed = await this.missed(after);
     for (const e of missed)
       if (e.seq < before && (before !== Infinity || this.isNew(e.seq))) this.handlers.topics.event(e);
+  }
+
+  /**
+   * Return the recorded events after a number. Events with smaller numbers are of another database, as after a restore:
+   * the numbers then continue after the newest of them.
+   */
+  private async missed(after: number): Promise<EventRow[]> {
+    const found = await this.parts.backfill(after).catch(() => []);
+    const newest = found[found.length - 1];
+    if (!newest || newest.seq > after) return found;
+    this.lastSeq = newest.seq;
+    return [];
   }
 
   private isNew(seq: number): boolean {
@@ -124,7 +136,7 @@ export class Stream {
     this.lost = null;
     if (!wasLost) return this.handlers.online(null);
     const source = this.source;
-    const found = this.lastSeq > 0 ? await this.parts.backfill(this.lastSeq).catch(() => []) : [];
+    const found = this.lastSeq > 0 ? await this.missed(this.lastSeq) : [];
     const missed = found.filter((e) => this.isNew(e.seq));
     for (const e of missed) this.handlers.topics.event(e);
     if (this.source !== source || this.waiting) return; // the connection failed meanwhile
