@@ -6,10 +6,9 @@ import argparse
 import atexit
 import json
 import sys
-from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gss.api.schemas.contacts import RecordOut
@@ -89,6 +88,7 @@ def parse_time(text: str) -> datetime:
 
 def export_telemetry(arguments: argparse.Namespace) -> int:
     """Write the telemetry file, one block at a time."""
+    from gss.cli.whole_files import write_pieces
     from gss.domain.errors import BadInput
     from gss.operations.telemetry.telemetry_export import export
 
@@ -105,20 +105,11 @@ def export_telemetry(arguments: argparse.Namespace) -> int:
         services.telemetry.telemetry.archive, keys, start, end, form=arguments.form, file_format=arguments.format
     )
     if arguments.out is None:
-        _write(sys.stdout.buffer, pieces)
-        return 0
-    with arguments.out.open("wb") as file:
-        size = _write(file, pieces)
-    print(f"{arguments.out}: {size} bytes", file=sys.stderr)
+        sys.stdout.buffer.writelines(pieces)
+        sys.stdout.buffer.flush()
+    else:
+        print(f"{arguments.out}: {write_pieces(arguments.out, pieces)} bytes", file=sys.stderr)
     return 0
-
-
-def _write(file: BinaryIO, pieces: Iterable[bytes]) -> int:
-    size = 0
-    for piece in pieces:
-        size += file.write(piece)
-    file.flush()
-    return size
 
 
 def export_report(arguments: argparse.Namespace) -> int:

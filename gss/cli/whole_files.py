@@ -16,10 +16,11 @@ def write_whole(path: Path, data: bytes) -> None:
         part.write_bytes(data)
 
 
-def write_pieces(path: Path, pieces: Iterable[str]) -> None:
-    """Write a text file, as :func:`write_whole`. ``pieces``: can raise an error at any piece. Line ends are not changed."""
-    with _part_of(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(pieces)
+def write_pieces(path: Path, pieces: Iterable[str | bytes]) -> int:
+    """Write a file, as :func:`write_whole`, and return its size in bytes. ``pieces``: can raise an error at any piece. Line ends
+    are not changed."""
+    with _part_of(path) as part, part.open("wb") as file:
+        return sum(file.write(piece.encode() if isinstance(piece, str) else piece) for piece in pieces)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from gss.cli import main
 from gss.device.protocol.codec import encode
 from gss.device.protocol.packet import PacketType
 from gss.device.protocol.sender import LineSender
+from gss.domain.errors import BadInput
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.line.line_capture import RawCapture
 from gss.operations.line.raw_capture import RECEIVED, SENT
@@ -65,6 +66,22 @@ def test_telemetry_of_a_contact_and_of_a_span(data, capsys, tmp_path):
     for wrong in ([], ["--from", "yesterday", "--to", "today"], ["--contact", "9"], ["--data", str(data / "no")]):
         assert main([*arguments, *wrong]) == 2
     assert "gss:" in capsys.readouterr().err
+
+
+def test_a_failed_export_keeps_the_earlier_file(data, tmp_path, monkeypatch):
+    """If an export fails after its first piece, an existing file is unchanged and nothing else is left in the folder."""
+
+    def failing(*_, **__):
+        yield b"first piece"
+        raise BadInput("the second piece cannot be read")
+
+    monkeypatch.setattr("gss.operations.telemetry.telemetry_export.export", failing)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "t.csv").write_text("earlier")
+    arguments = ["export", "telemetry", "--data", str(data), "--fields", "mode", "--contact", "1"]
+    assert main([*arguments, "--out", str(folder / "t.csv")]) == 2
+    assert [(file.name, file.read_text()) for file in folder.iterdir()] == [("t.csv", "earlier")]
 
 
 def test_the_record_check_reports_the_gap_and_its_exit_code(data, capsys):

@@ -17,7 +17,8 @@ from sqlalchemy import event
 
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, NotFound, StoreDown
-from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.dictionary.definitions import Conversion, TelemetryField
+from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
 from gss.instruments.roles import default_roles
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
@@ -253,6 +254,44 @@ def test_raw_values_are_recovered_exactly(key, raws):
     if not field.choices:
         assert raw_of(field, 12.345678) is None
         assert raw_text(field, 1607) == "0x0647"
+
+
+@pytest.mark.parametrize(
+    ("kind", "coefficients", "pairs"),
+    [
+        ("i16", (0.0, 0.0, 1.0), {0: 0, 5: None, -5: None, -32768: -32768}),
+        ("u8", (0.0, 200.0, -1.0), {100: 100, 60: None, 140: None, 255: 255}),
+        ("u8", (0.0, 0.0, 1.0), {k: k for k in range(256)}),
+        ("u64", (0.0, 1e-6), {5: 5, 2**63 + 12345: None}),
+        ("u8", (7.0,), {3: None}),
+    ],
+)
+def test_a_raw_value_is_unknown_unless_it_is_the_only_one(kind, coefficients, pairs):
+    """A raw value is recovered only if the conversion gives no other raw value the same engineering value."""
+    field = TelemetryField(name="t", type=kind, conversion=Conversion(coefficients))
+    assert {raw: raw_of(field, field.conversion.engineering(raw)) for raw in pairs} == pairs
+
+
+@pytest.mark.parametrize("form", ["converted", "raw"])
+def test_unsigned_numbers_of_64_bits_are_exported_exactly(database, bus, clock, form):
+    """Numbers above 2⁶³, and numbers that a float64 cannot hold, are equal in CSV, Parquet and HDF5."""
+    text = (
+        "version: 1\ndevice_model: m\ncommands: []\nevents: []\nservices: []\ntelemetry:\n"
+        "  - {name: p, code: 1, purpose: p, stale_after_s: 5, fields: [{name: n, type: u64}]}\n"
+    )
+    dictionary, numbers = parse_dictionary(text), [5, 2**53 + 1, 2**63, 2**64 - 2]
+    status = default_roles(DICTIONARY).quantities.status
+    service = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True, status)
+    packets = [Telemetry("p", float(k), 0, {"n": n}, {"n": n}) for k, n in enumerate(numbers)]
+    service.handle(LineBatch(tuple(packets), clock(), 0.0))
+
+    def exported(file_format):
+        return export(service.archive, ["p.n"], *span(clock), form=form, file_format=file_format)
+
+    assert [int(row["p.n"]) for row in read_csv(exported("csv"))] == numbers
+    assert pq.read_table(io.BytesIO(b"".join(exported("parquet"))))["p.n"].to_pylist() == numbers
+    with h5py.File(io.BytesIO(b"".join(exported("hdf5")))) as file:
+        assert [int(n) for n in file["p/n"][:]] == numbers
 
 
 def test_packets_are_paged_newest_first(telemetry):

@@ -12,7 +12,7 @@ import pytest
 
 from gss.cli import main
 from gss.domain.errors import BadInput
-from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
 from gss.operations.upkeep.parquet_export import export_parquet
 from gss.store import commands, events, frames, telemetry
 from gss.store import exports as blocks
@@ -105,6 +105,20 @@ def test_exported_tables_equal_the_store(database_with_rows: Database, tmp_path:
     assert summary.rows == 40 + 40 + 4 + 5 + 10 + 5 + 40
     assert summary.files == len(list(out.rglob("*.parquet"))) == 7 * 2
     assert not list(out.rglob("*.part"))
+
+
+def test_unsigned_numbers_of_64_bits_are_exported_exactly(database: Database, tmp_path: Path) -> None:
+    """Numbers above 2⁶³, and numbers that a float64 cannot hold, are exported without a change."""
+    dictionary = parse_dictionary(
+        "version: 1\ndevice_model: m\ncommands: []\nevents: []\nservices: []\ntelemetry:\n"
+        "  - {name: p, code: 1, purpose: p, stale_after_s: 5, fields: [{name: n, type: u64}]}\n"
+    )
+    row = {"packet": "p", "received": T0, "device_time_s": 0.0, "request_id": 0, "contact_id": None}
+    numbers = [2**53 + 1, 2**64 - 1]
+    with database.unit_of_work() as session:
+        telemetry.add_many(session, [row | {"values": {"n": n}} for n in numbers])
+    export_parquet(database, dictionary, tmp_path / "out")
+    assert [r["n"] for r in read(tmp_path / "out", "telemetry/packet=p")] == numbers
 
 
 def test_units_are_in_the_columns_and_in_the_schema_file(database_with_rows: Database, tmp_path: Path) -> None:

@@ -29,13 +29,15 @@ LEADING = {
     "contact": {"title": "Number of the contact, -1 without a contact"},
 }
 UNKNOWN_BOOL, NO_CONTACT = -1, -1
+UNKNOWN_U64 = 2**64 - 1
 
 
 def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
     """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column.
-    Numbers are float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The
-    complete file is written to the disk before this function returns, because HDF5 completes the beginning of a file at
-    the end. At most BLOCK_ROWS rows are in memory. Raises StoreDown if the disk of temporary files has too little space."""
+    Numbers are float64, NaN if unknown; numbers of the type u64 are uint64, and an attribute states the value for unknown;
+    yes/no is int8, -1 if unknown; other values are text, empty if unknown. The complete file is written to the disk before this
+    function returns, because HDF5 completes the beginning of a file at the end. At most BLOCK_ROWS rows are in memory. Raises
+    StoreDown if the disk of temporary files has too little space."""
     import h5py
 
     with ExitStack() as stack:
@@ -100,7 +102,7 @@ class _PacketTable:
     def _create(self, name: str, dataset_kind: str) -> None:
         import h5py
 
-        types = {"number": "f8", "bool": "i1", "contact": "i8", "text": h5py.string_dtype()}
+        types = {"number": "f8", "u64": "u8", "bool": "i1", "contact": "i8", "text": h5py.string_dtype()}
         self._group.create_dataset(
             name,
             shape=(0,),
@@ -110,6 +112,8 @@ class _PacketTable:
             compression="gzip",
             shuffle=True,
         )
+        if dataset_kind == "u64":
+            self._group[name].attrs.create("unknown", UNKNOWN_U64, dtype="u8")
 
     def append(self, rows: Sequence[list[Any]]) -> None:
         """Append rows of this packet."""
@@ -138,6 +142,9 @@ def _kind(column: Column, form: str) -> str:
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return "text"
+    converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
+    if item.type == "u64" and (form == "raw" or not converted):
+        return "u64"
     if form == "raw" and item.type == "enum":
         return "number"
     if kind(item) == "number":
@@ -148,6 +155,8 @@ def _kind(column: Column, form: str) -> str:
 def _value(dataset_kind: str, value: Any) -> Any:
     if dataset_kind == "number":
         return _number(value)
+    if dataset_kind == "u64":
+        return UNKNOWN_U64 if value is None else value
     if dataset_kind == "bool":
         return UNKNOWN_BOOL if value is None else int(value)
     return "" if value is None else str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")  # HDF5 cannot store NUL

@@ -8,7 +8,7 @@ import io
 import json
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 from gss.domain.errors import BadInput
@@ -43,7 +43,8 @@ def export(
     shaped = (_shaped(columns, row, values, form) for row, values in rows)
     if file_format == "hdf5":
         return hdf5_file(columns, shaped, form)
-    return _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)
+    pieces = _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)
+    return chain([next(pieces)], pieces)  # if the first block fails, no response has been sent
 
 
 def _shaped(columns: Sequence[Column], row: Row, values: Sequence[Any], form: str) -> list[Any]:
@@ -133,11 +134,12 @@ def _arrow_type(pa: Any, column: Column, form: str) -> Any:
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return pa.string()
+    integer = pa.uint64() if item.type == "u64" else pa.int64()
     if form == "raw" and item.type in (*INTEGER_RANGES, "enum"):
-        return pa.int64()
+        return integer
     converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
     if kind(item) == "number":
-        return pa.int64() if item.type in INTEGER_RANGES and not converted else pa.float64()
+        return integer if item.type in INTEGER_RANGES and not converted else pa.float64()
     return pa.bool_() if item.type == "bool" else pa.string()
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, Literal
 
+import numpy as np
+
 from gss.device.protocol.codec import STRUCT
-from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Item, TelemetryField
+from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Conversion, Item, TelemetryField
 
 UNKNOWN = "–"
 Kind = Literal["number", "enum", "bool", "text", "bytes"]
@@ -86,11 +89,8 @@ def number(field: Item, value: Any) -> float | None:
 
 
 def raw_of(field: Item, value: Any) -> Any:
-    """Return the raw value of a stored engineering value; None if it cannot be determined.
-
-    Conversions are monotonic over the range of their type, so the raw value is determined by bisection and verified by
-    converting it back.
-    """
+    """Return the raw value of a stored engineering value; None if several raw values, or none, are converted to it. It is
+    determined by bisection of each range in which the conversion is monotonic."""
     if value is None:
         return None
     if field.type == "enum":
@@ -100,7 +100,27 @@ def raw_of(field: Item, value: Any) -> Any:
         return value
     if field.type not in INTEGER_RANGES:
         return None
-    low, high = INTEGER_RANGES[field.type]
+    found: list[int] = []
+    for low, high in _monotonic_ranges(conversion.coefficients, *INTEGER_RANGES[field.type]):
+        first = _first_raw(conversion, value, low, high)
+        found += [raw for raw in (first, first + 1) if raw <= high and conversion.engineering(raw) == value]
+    return found[0] if len(found) == 1 else None
+
+
+@lru_cache(maxsize=256)
+def _monotonic_ranges(coefficients: tuple[float, ...], low: int, high: int) -> list[tuple[int, int]]:
+    """Return ranges of raw values, with both ends, in which the conversion is monotonic. The integers beside a turning point
+    have separate ranges, because its position is rounded."""
+    if not all(map(math.isfinite, coefficients)):
+        return []
+    slope = [k * c for k, c in enumerate(coefficients)][1:]
+    turning = [math.floor(root.real) for root in np.roots(slope[::-1]) if abs(root.imag) < 1e-6 * max(1.0, abs(root))]
+    starts = sorted({low, *(k for t in turning for k in range(t - 1, t + 4) if low < k <= high)})
+    return list(zip(starts, [start - 1 for start in starts[1:]] + [high], strict=True))
+
+
+def _first_raw(conversion: Conversion, value: float, low: int, high: int) -> int:
+    """Return the first raw value of a monotonic range whose engineering value has reached ``value``, or ``high``."""
     rising = float(conversion.engineering(high)) > float(conversion.engineering(low))
     while low < high:
         middle = (low + high) // 2
@@ -108,4 +128,4 @@ def raw_of(field: Item, value: Any) -> Any:
             high = middle
         else:
             low = middle + 1
-    return low if conversion.engineering(low) == value else None
+    return low

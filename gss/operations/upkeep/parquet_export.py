@@ -217,8 +217,8 @@ def _type(item: Item) -> pa.DataType:
     together."""
     converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
     if kind(item) == "number":
-        is_integer = item.type in INTEGER_RANGES and item.type != "u64" and not converted
-        return pa.int64() if is_integer else pa.float64()
+        integer = pa.uint64() if item.type == "u64" else pa.int64()
+        return integer if item.type in INTEGER_RANGES and not converted else pa.float64()
     return pa.bool_() if item.type == "bool" else pa.string()
 
 
