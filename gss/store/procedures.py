@@ -18,9 +18,10 @@ def list_all(session: Session) -> list[Procedure]:
     return list(session.scalars(select(Procedure).order_by(Procedure.name)))
 
 
-def get(session: Session, procedure_id: int) -> Procedure:
-    """Return the procedure with that id. Raises NotFound if it does not exist."""
-    row = session.get(Procedure, procedure_id)
+def get(session: Session, procedure_id: int, *, lock: bool = False) -> Procedure:
+    """Return the procedure with that id. Raises NotFound if it does not exist. ``lock``: prevent changes by other
+    transactions until the end of this transaction, if the database supports it."""
+    row = session.get(Procedure, procedure_id, with_for_update=lock)
     if row is None:
         raise NotFound("There is no such procedure", got=str(procedure_id))
     return row

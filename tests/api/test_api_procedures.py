@@ -47,8 +47,9 @@ def test_the_runs_of_a_procedure_before_a_run(client: TestClient) -> None:
         run = client.post(f"/api/procedures/{procedure}/start", json={}).json()
         assert client.post(f"/api/procedure-runs/{run['id']}/stop", json={"reason": "test"}).status_code == 200
         runs.append(run["id"])
-    renamed = {"text": TEXT.replace("# Sign", "# Renamed", 1)}
+    renamed = {"text": TEXT.replace("# Sign", "# Renamed", 1), "sha256": hashlib.sha256(TEXT.encode()).hexdigest()}
     assert client.put(f"/api/procedures/{first}", json=renamed).status_code == 200
+    assert client.put(f"/api/procedures/{first}", json=renamed).status_code == 409
 
     def listed(**query: int) -> list[int]:
         return [r["id"] for r in client.get("/api/procedure-runs", params=query).json()]

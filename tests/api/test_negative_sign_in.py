@@ -344,7 +344,8 @@ def test_the_audit_log_records_old_and_new_values(services: Services, anonymous:
     assert newest_row(services, "tables.upload_table").detail.startswith("parameters dark to bank 2")
     text = "# Evening\n\n## a: Send\n```command\nPOWER state=off\n```\n"
     procedure = anonymous.post("/api/procedures", json={"text": text}).json()
-    anonymous.put(f"/api/procedures/{procedure['id']}", json={"text": text.replace("Evening", "Night")})
+    change = {"text": text.replace("Evening", "Night"), "sha256": procedure["sha256"]}
+    anonymous.put(f"/api/procedures/{procedure['id']}", json=change)
     detail = newest_row(services, "procedures.change_procedure").detail
     assert detail == f"Evening: from {len(text)} to {len(text) - 2} characters"
     start = {"automatic": True, "confirm": ["POWER"]}

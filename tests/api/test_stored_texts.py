@@ -21,7 +21,7 @@ FORMS = (
     "Body_check_package",
 )
 """Forms that the browser test sends with markup in the names of the files and in the other fields."""
-SAME_AS = {"ViewChangeIn": "ViewRequest"}
+SAME_AS = {"ViewChangeIn": "ViewRequest", "ProcedureChangeIn": "ProcedureTextIn"}
 """Models whose fields are stored and shown like those of another model."""
 
 

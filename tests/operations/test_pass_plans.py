@@ -15,6 +15,7 @@ from gss.operations.passes.plan_runner import PlanRunner
 from gss.operations.passes.plans import PlanService, items_of
 from gss.operations.passes.spacecraft import SpacecraftService
 from gss.operations.passes.stations import StationService
+from gss.operations.procedures.procedures import hash_of
 from gss.operations.procedures.run_record import is_intact
 from gss.orbit.station import GroundStation
 from gss.store import commands as store
@@ -294,7 +295,7 @@ def test_a_plan_whose_procedure_was_replaced_is_not_armed(mission):
     plans = [mission.plan(changed), mission.plan(deleted)]
     procedures = mission.console.procedures
     text = procedures.get(changed.procedure_id).text
-    procedures.change(changed.procedure_id, text.replace("GET_STATUS", "STOP_CYCLE"), user="bob")
+    procedures.change(changed.procedure_id, text.replace("GET_STATUS", "STOP_CYCLE"), sha256=hash_of(text), user="bob")
     procedures.delete(deleted.procedure_id)
     assert mission.quick(STANDBY, name="Other").procedure_id > deleted.procedure_id
     for plan, name in zip(plans, ("Look", "See"), strict=True):
@@ -311,7 +312,8 @@ def test_a_procedure_changed_after_arming_is_not_run(mission):
     plan = mission.plan(item)
     mission.plans.arm(plan.id, [], user="ann")
     text = mission.console.procedures.get(item.procedure_id).text
-    mission.console.procedures.change(item.procedure_id, text.replace("GET_STATUS", "STOP_CYCLE"), user="bob")
+    changed = text.replace("GET_STATUS", "STOP_CYCLE")
+    mission.console.procedures.change(item.procedure_id, changed, sha256=hash_of(text), user="bob")
     mission.at(plan.rise + timedelta(seconds=5))
     failed = mission.until(plan, "failed", "completed")
     assert (failed.state, "was changed after the plan was armed" in failed.reason) == ("failed", True)

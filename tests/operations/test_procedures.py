@@ -11,6 +11,7 @@ import pytest
 
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.procedures.document import read_procedure
+from gss.operations.procedures.procedures import hash_of
 from gss.operations.procedures.run_record import StepEntry, entries_of, is_intact, record_bytes
 from gss.store.commands import Filter
 
@@ -128,8 +129,11 @@ def test_a_procedure_with_mistakes_is_stored_and_cannot_start(console: Any) -> N
         console.procedure_runs.begin(row.id, user="ann")
     with pytest.raises(Conflict, match="title exists"):
         console.procedures.create(procedure(("a", "x")), user="ann")
-    changed = console.procedures.change(row.id, procedure(("a", "x"), title="Other"), user="bob")
+    text, sha256 = procedure(("a", "x"), title="Other"), hash_of(row.text)
+    changed = console.procedures.change(row.id, text, sha256=sha256, user="bob")
     assert (changed.name, changed.author) == ("Other", "bob")
+    with pytest.raises(Conflict, match="has changed since you opened it; expected the text of bob"):
+        console.procedures.change(row.id, text, sha256=sha256, user="ann")
 
 
 # --- running ------------------------------------------------------------------------------------------------------

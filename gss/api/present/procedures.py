@@ -18,7 +18,7 @@ from gss.domain.errors import GssError
 from gss.instruments.operations import StandardOperations
 from gss.operations.commanding.command_checks import risk_of
 from gss.operations.procedures.document import ProcedureDocument, ProcedureStep, read_procedure
-from gss.operations.procedures.procedures import ProcedureCheck, ProcedureService
+from gss.operations.procedures.procedures import ProcedureCheck, ProcedureService, hash_of
 from gss.operations.procedures.run_record import entries_of, is_intact
 from gss.operations.procedures.validation import command_of
 from gss.store.models import Procedure, ProcedureRun
@@ -44,6 +44,7 @@ def procedure(service: ProcedureService, row: Procedure) -> StoredProcedureOut:
         author=row.author,
         changed=row.changed,
         text=row.text,
+        sha256=hash_of(row.text),
         steps=len(checked.document.steps),
         mistakes=len(checked.mistakes),
     )

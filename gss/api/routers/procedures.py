@@ -12,6 +12,7 @@ from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.procedures import (
     AutomaticIn,
+    ProcedureChangeIn,
     ProcedureCheckOut,
     ProcedureRunDetailOut,
     ProcedureRunOut,
@@ -57,14 +58,14 @@ def check_procedure(app: App, body: ProcedureTextIn) -> ProcedureCheckOut:
 
 @router.put("/procedures/{procedure_id}", dependencies=[NEED])
 def change_procedure(
-    app: App, procedure_id: RowId, body: ProcedureTextIn, user: User, audit_note: AuditNote
+    app: App, procedure_id: RowId, body: ProcedureChangeIn, user: User, audit_note: AuditNote
 ) -> StoredProcedureOut:
-    """Replace the text of a procedure. Runs keep the text with which they were started."""
+    """Replace the text of a procedure. Runs keep the text with which they were started. 409 if another user has changed the
+    procedure in the meantime."""
     old = app.procedures.procedures.get(procedure_id)
     audit_note(f"{old.name}: from {len(old.text)} to {len(body.text)} characters")
-    return present.procedures.procedure(
-        app.procedures.procedures, app.procedures.procedures.change(procedure_id, body.text, user=user)
-    )
+    row = app.procedures.procedures.change(procedure_id, body.text, sha256=body.sha256, user=user)
+    return present.procedures.procedure(app.procedures.procedures, row)
 
 
 @router.delete("/procedures/{procedure_id}", status_code=204, dependencies=[NEED])

@@ -17,6 +17,12 @@ class ProcedureTextIn(In):
     text: str = Field(max_length=100_000)
 
 
+class ProcedureChangeIn(ProcedureTextIn):
+    """New text of a procedure. ``sha256``: hash of the text that was changed."""
+
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+
 class ProcedureBranchOut(Out):
     """Branch of a step. ``when``: expression or answer that selects the branch, or "else"."""
 
@@ -56,13 +62,14 @@ class ProcedureCheckOut(Out):
 
 
 class StoredProcedureOut(Out):
-    """Stored procedure."""
+    """Stored procedure. ``sha256``: hash of its text."""
 
     id: int
     name: str
     author: str
     changed: Utc
     text: str
+    sha256: str
     steps: int
     mistakes: int
 

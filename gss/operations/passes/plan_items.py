@@ -4,7 +4,6 @@ starts, pauses and stops the item and reports its state."""
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -12,7 +11,7 @@ from typing import Literal
 
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.operations.catalogues.build_catalogue import CatalogueService
-from gss.operations.procedures.procedures import ProcedureService
+from gss.operations.procedures.procedures import ProcedureService, hash_of
 from gss.operations.procedures.runs import ProcedureRunner
 from gss.operations.transfers.downloads import Downloads, permission_of
 from gss.operations.transfers.transfers import TransferService
@@ -115,7 +114,7 @@ class ItemControl:
         separate hash."""
         if item.procedure_id is None:
             return ""
-        return hashlib.sha256(self._procedures.get(item.procedure_id).text.encode()).hexdigest()
+        return hash_of(self._procedures.get(item.procedure_id).text)
 
     def require(self, item: PlanItem, user: str) -> None:
         """Raise NotPermitted if the user does not have the permissions for the item."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gss.domain.errors import BadInput, Conflict
 from gss.instruments.package import Instrument
-from gss.operations.clock import Now
+from gss.operations.clock import Now, iso_z
 from gss.operations.line.link import LinkService
 from gss.operations.procedures.document import Mistake, ProcedureDocument, read_procedure
 from gss.operations.procedures.validation import mistakes_of
@@ -74,10 +75,18 @@ class ProcedureService:
             store.add(session, row)
         return row
 
-    def change(self, procedure_id: int, text: str, *, user: str) -> Procedure:
-        """Replace the text of a procedure. Existing runs keep their copies of the text. Raises NotFound, BadInput, Conflict."""
+    def change(self, procedure_id: int, text: str, *, sha256: str, user: str) -> Procedure:
+        """Replace the text of a procedure. ``sha256``: hash of the text that the user changed. Existing runs keep their copies of
+        the text. Raises NotFound, BadInput, and Conflict if another user has changed it since."""
         with self._database.unit_of_work() as session:
-            row = store.get(session, procedure_id)
+            row = store.get(session, procedure_id, lock=True)
+            if sha256 != hash_of(row.text):
+                raise Conflict(
+                    "The procedure has changed since you opened it",
+                    expected=f"the text of {row.author}, {iso_z(row.changed)}",
+                    got="an earlier text",
+                    hint="Copy your text, open the procedure again and change it.",
+                )
             name = self._name(text)
             self._check_free(store.named(session, name), row.id)
             row.name, row.text, row.author, row.changed = name, text, user, self._now()
@@ -107,3 +116,8 @@ class ProcedureService:
                 got=same_name.name,
                 hint="change its title, or edit that procedure",
             )
+
+
+def hash_of(text: str) -> str:
+    """Return the SHA-256 of the text of a procedure."""
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -17,10 +17,11 @@ export const requests = {
   list: () => body(GET('/api/procedures')),
   check: (text: string, signal?: AbortSignal) =>
     body(POST('/api/procedures/check', { body: { text }, signal, keepalive: false })),
-  save: (text: string, procedure_id: number | null) =>
+  /** `sha256`: hash of the stored text that was changed. */
+  save: (text: string, procedure_id: number | null, sha256: string) =>
     procedure_id === null
       ? body(POST('/api/procedures', { body: { text } }))
-      : body(PUT('/api/procedures/{procedure_id}', { params: { path: { procedure_id } }, body: { text } })),
+      : body(PUT('/api/procedures/{procedure_id}', { params: { path: { procedure_id } }, body: { text, sha256 } })),
   remove: (procedure_id: number) =>
     body(DELETE('/api/procedures/{procedure_id}', { params: { path: { procedure_id } } })),
   start: (procedure_id: number, automatic = false, confirm: string[] = []) =>
