@@ -59,7 +59,8 @@ COMMANDS = {
 """Module and summary of each command. A module is imported only when its command is used."""
 BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1
-NEGATIVE_LIST = re.compile(r"-[\d.]+,")
+NEGATIVE = re.compile(r"-[\d.]+[eE,:]")
+"""Beginning of a list (``-33.9,18.4,20``), a range (``-5:5``) or a number with an exponent (``-1e-3``)."""
 
 
 class Commands:
@@ -98,12 +99,12 @@ def _parser_for(argv: Sequence[str]) -> argparse.ArgumentParser:
     return parser_of(COMMANDS[first][0]) if first in COMMANDS else parser_of()
 
 
-def _join_negative_lists(words: Sequence[str]) -> list[str]:
-    """Join an option and a list of numbers that begins with a minus (``--site -33.9,18.4,20``). argparse accepts a single
-    negative number as a value, but takes such a list for an option."""
+def join_negatives(words: Sequence[str]) -> list[str]:
+    """Join an option and a list, range or number that begins with a minus (``--site -33.9,18.4,20``). argparse accepts only
+    plain negative numbers as values, and takes others for options."""
     joined: list[str] = []
     for word in words:
-        if joined and NEGATIVE_LIST.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
+        if joined and NEGATIVE.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={word}"
         else:
             joined.append(word)
@@ -112,7 +113,7 @@ def _join_negative_lists(words: Sequence[str]) -> list[str]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    words = _join_negative_lists(sys.argv[1:] if argv is None else argv)
+    words = join_negatives(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file name or "°" must not end the command with any encoding
             stream.reconfigure(errors="backslashreplace")

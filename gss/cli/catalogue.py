@@ -4,7 +4,6 @@ degrees."""
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -33,9 +32,6 @@ from gss.operations.requests import request_from
 if TYPE_CHECKING:
     from gss.cli import Commands, Subparsers
 
-# With this pattern argparse accepts values such as -10:10 as numbers instead of unknown options.
-NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:,-]*$")
-
 
 def register(subparsers: Commands) -> None:
     """Add the group to the command line."""
@@ -52,7 +48,6 @@ def _register_build(commands: Subparsers) -> None:
         help="select the stars for an orbit and attitude limits; write the distance table and bank image",
         description="Ranges are MIN:MAX in degrees, or one number. Without an orbit the catalogue covers the whole sky.",
     )
-    parser._negative_number_matcher = NEGATIVE_RANGE
     parser.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
     parser.add_argument("--format", help=f"{' | '.join(FORMATS)} (default: format of the instrument)")
     parser.add_argument("--inclination-deg", type=_range, help="orbit by elements: inclination, ICRS")

@@ -13,6 +13,7 @@ from gss.catalogue_tools.design.camera import LIMITS, WHOLE_NUMBERS, DesignCamer
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.cli.instruments import CAMERA_HELP, camera, registry
+from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 SHEET_KINDS = (".pdf", ".html", ".json")
 EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
+
+ORBIT = ("pointing", "raan_deg", "roll_deg", "pitch_deg", "yaw_deg")
+"""Options of an orbit, which need an inclination."""
 
 
 def register(subparsers: Commands) -> None:
@@ -43,14 +47,10 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--inclination-deg", type=float, metavar="N", help="orbit inclination; without it: the whole sky"
     )
-    parser.add_argument(
-        "--raan-deg", type=_range, default=(0.0, 360.0), metavar="MIN:MAX", help="right ascension of the ascending node"
-    )
-    parser.add_argument("--pointing", default="zenith", help=f"{' | '.join(ORBIT_LAWS)} (default zenith)")
+    parser.add_argument("--raan-deg", type=_range, metavar="MIN:MAX", help="right ascension of the ascending node")
+    parser.add_argument("--pointing", help=f"{' | '.join(ORBIT_LAWS)} (default zenith)")
     for name in ("roll", "pitch", "yaw"):
-        parser.add_argument(
-            f"--{name}-deg", type=_range, default=(0.0, 0.0), metavar="MIN:MAX", help=f"limits of {name}"
-        )
+        parser.add_argument(f"--{name}-deg", type=_range, metavar="MIN:MAX", help=f"limits of {name}")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random pointings (default 1)")
     parser.add_argument(
         "--pointings", type=int, default=1_000_000, metavar="N", help="number of pointings (default a million)"
@@ -102,10 +102,11 @@ def question_of(arguments: argparse.Namespace) -> DesignQuestion:
 
     names = ("profile", *EDITABLE, "exclusion_deg", "spare_mm", "seed", "pointings")
     values = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    orbit = {name: getattr(arguments, name) for name in ORBIT if getattr(arguments, name) is not None}
+    if orbit and arguments.inclination_deg is None:
+        raise BadInput(f"--{next(iter(orbit)).replace('_', '-')} needs an orbit", expected="--inclination-deg")
     if arguments.inclination_deg is not None:
-        limits = {name: list(getattr(arguments, name)) for name in ("raan_deg", "roll_deg", "pitch_deg", "yaw_deg")}
-        orbit = {"inclination_deg": arguments.inclination_deg, "pointing": arguments.pointing, **limits}
-        values |= {"sky": "orbit", **orbit}
+        values |= {"sky": "orbit", "inclination_deg": arguments.inclination_deg, **orbit}
     return request_from(DesignQuestion, values)
 
 
@@ -148,10 +149,10 @@ def _sheet_file(name: str) -> Path:
     return path
 
 
-def _range(text: str) -> tuple[float, float]:
+def _range(text: str) -> list[float]:
     low, _, high = text.partition(":")
     try:
-        return float(low), float(high or low)
+        return [float(low), float(high or low)]
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected MIN:MAX in degrees, got {text}") from None
 

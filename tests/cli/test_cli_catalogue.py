@@ -12,7 +12,7 @@ from astropy.table import Table
 
 from gss.catalogue_tools.manifest import check_image, read_manifest
 from gss.catalogue_tools.onboard import decode
-from gss.cli import main
+from gss.cli import join_negatives, main
 from gss.cli.catalogue import register, run_build
 from gss.domain.angles import separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput, CorruptData, NotFound
@@ -30,7 +30,7 @@ TLE = """ISS (ZARYA)
 def parse(*arguments, command="build"):
     parser = argparse.ArgumentParser(prog="gss")
     register(parser.add_subparsers(dest="command", required=True))
-    return parser.parse_args(["catalogue", command, *arguments])
+    return parser.parse_args(join_negatives(["catalogue", command, *arguments]))
 
 
 def run_command(command, *arguments):

@@ -24,6 +24,7 @@ def test_json_and_page_come_from_one_run(capsys: pytest.CaptureFixture[str], tmp
     """One run prints a JSON object and writes the page. An inclination limits the sky to the orbit."""
     page = tmp_path / "design.html"
     command = ["design", "--profile", "far_mst", "--quick", "--json", "--html", str(page), "--inclination-deg", "97"]
+    command += ["--roll-deg", "-5:5"]
     assert main(command) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["profile"] == "far_mst"
@@ -37,6 +38,8 @@ def test_json_and_page_come_from_one_run(capsys: pytest.CaptureFixture[str], tmp
         (["--focal-mm", "0"], "focal_mm is out of range. Expected 1 to 2000 mm; got 0 mm"),
         (["--profile", "hubble"], "Unknown instrument"),
         (["--f-number", "32", "--exposure-s", "0.0001"], "detects no star"),
+        (["--roll-deg", "-5:5"], "--roll-deg needs an orbit. Expected --inclination-deg"),
+        (["--pointing", "nadir"], "--pointing needs an orbit"),
         (["--seed", "-1"], "Seed is out of range. Expected greater than or equal to 0; got -1"),
     ],
 )
