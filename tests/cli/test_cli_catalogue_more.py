@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from gss.catalogue_tools.manifest import read_manifest
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.star_list_export import write_star_list
+from gss.cli import join_negatives
 from gss.cli.catalogue import register, run_build
 from gss.domain.errors import BadInput, CorruptData, GssError
 
@@ -26,7 +27,7 @@ TLE = (
 def run_command(command, *arguments):
     parser = argparse.ArgumentParser(prog="gss")
     register(parser.add_subparsers(dest="command", required=True))
-    parsed = parser.parse_args(["catalogue", command, *map(str, arguments)])
+    parsed = parser.parse_args(join_negatives(["catalogue", command, *map(str, arguments)]))
     return (
         run_build(parsed, now=lambda: datetime(2026, 12, 1, tzinfo=UTC)) if command == "build" else parsed.run(parsed)
     )

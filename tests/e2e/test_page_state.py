@@ -66,6 +66,7 @@ def test_a_confirmation_ends_when_another_kind_of_table_is_chosen(page: Page) ->
     because it would then activate a table of that kind."""
     page.goto("/catalogues")
     tables = page.get_by_test_id("tables")
+    expect(tables.get_by_test_id("table-bank").first).to_be_visible()  # a later report would replace the tables below
     bank = {"bank": "B", "state": "committed", "active": False, "size_bytes": 9, "sha256": "a", "confirm_left_s": 0}
     page.route(
         "**/api/tables/on-board",

@@ -304,7 +304,7 @@ def test_the_cover_of_a_catalogue_that_was_read_back_is_unknown(harness):
 
     assert coverage().text == "no cover from 12-04 18:00 and no bank holds a successor"
     plan = Planned("A", "activation", now + timedelta(days=2), NEW, "cubestar-read-back", 2, None, None, "", False)
-    expected = (State.WATCH, "the validity of bank A is unknown: its catalogue was read back from the device", None)
+    expected = (State.WATCH, "the validity of bank A is unknown (read back)", None)
     planned = coverage([plan])
     harness.report("B", "committed", OLD)
     harness.report("A", "committed", NEW, active=True)

@@ -107,7 +107,7 @@ def cover(periods: Sequence[BankPeriod], planned: Sequence[Planned], now: dateti
             return Cover(State.WATCH, text, None)
         until, bank, subject, known = plan.valid_to, plan.bank, f"bank {plan.bank} follows and", plan.validity_known
     if not known:
-        text = f"the validity of bank {bank} is unknown: its catalogue was read back from the device"
+        text = f"the validity of bank {bank} is unknown (read back)"
         return Cover(State.WATCH, text, None)
     if until is None:
         return Cover(State.OK, f"{subject} does not expire", None)
