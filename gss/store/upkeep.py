@@ -145,9 +145,11 @@ def _numbers(values: Iterable[Any]) -> Iterator[int]:
             yield value
 
 
-def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> None:
-    """Mark the pixels of these frames as deleted. All other data of the frames are kept."""
-    session.execute(update(Frame).where(Frame.id.in_(frame_ids)).values(pixels_removed=at))
+def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> set[int]:
+    """Mark pixels as deleted, except those of favourites and studies. Return the ids of the frames; their rows are kept."""
+    ids = set(frame_ids) - used_by_studies(session)
+    held = update(Frame).where(Frame.id.in_(ids), Frame.pixels_removed.is_(None), Frame.favourite.is_(False))
+    return set(session.scalars(held.values(pixels_removed=at).returning(Frame.id)))
 
 
 @dataclass(frozen=True)

@@ -212,10 +212,10 @@ class RetentionService:
         removable = list(self.going(policy, at))
         for group in _groups(removable):
             run.progress(removed["frames"], len(removable), f"Pixels of {removed['frames']} of {len(removable)} frames")
-            keys = sorted({p.sha256 for p in group})
-            removed["frames"] += len(group)
             with self._database.unit_of_work() as session:
-                store.remove_pixels(session, [p.frame_id for p in group], at)
+                changed = store.remove_pixels(session, [p.frame_id for p in group], at)
+                keys = sorted({p.sha256 for p in group if p.frame_id in changed})
+                removed["frames"] += len(changed)
                 # Rows are changed before blobs are deleted. A crash can therefore leave an unused blob, but never a row
                 # whose blob is missing.
                 run.keep({"at": at.isoformat(), "pending": keys, "removed": removed}, session)

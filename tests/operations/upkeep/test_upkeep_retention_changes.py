@@ -1,0 +1,39 @@
+"""Retention follows changes that users make while it runs, and a limit that is set back to its default."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import select
+
+from gss.operations.upkeep import retention as room
+from gss.operations.upkeep.retention_policy import RetentionPolicy
+from gss.store.models import Calibration, Frame
+
+
+@pytest.mark.parametrize("protection", ["favourite", "study"])
+def test_a_frame_that_is_protected_during_a_removal_keeps_its_pixels(store, monkeypatch, protection):
+    """A frame that becomes a favourite or is used by a calibration while the removal runs keeps its pixels and is not
+    counted as removed."""
+    monkeypatch.setattr(room, "FRAMES_AT_ONCE", 2)
+    ids = [store.add_frame(bytes([k]) * 500, age_days=30 - k) for k in range(6)]
+    store.retention.choose(RetentionPolicy(frames_days=10, keep_frames=0), user="ann")
+    delete, calls = store.retention._delete_blobs, []
+
+    def delete_and_protect(keys, removed):
+        delete(keys, removed)
+        calls.append(keys)
+        if len(calls) != 2:  # the first group of frames is removed at the second call
+            return
+        if protection == "favourite":
+            store.retention.favourite(ids[-1], True)
+        else:
+            made = {"created": store.clock(), "author": "a", "tool": "t", "values": {}, "result": {}}
+            with store.database.unit_of_work() as session:
+                session.add(Calibration(profile="p", kind="dark", name="n", request={"dark_ids": [ids[-1]]}, **made))
+
+    monkeypatch.setattr(store.retention, "_delete_blobs", delete_and_protect)
+    removed = store.end(store.retention.run(user="ann")).result["removed"]
+    with store.database.unit_of_work() as session:
+        left = list(session.scalars(select(Frame.id).where(Frame.pixels_removed.is_(None))))
+    assert (left, removed["frames"]) == ([ids[-1]], 5)
+    assert store.blob_path(bytes([5]) * 500).exists()
