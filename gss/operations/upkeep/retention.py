@@ -64,13 +64,16 @@ class RetentionService:
         self._trust, self._share = trust, share
         self._database, self._blobs, self._jobs, self._bus = database, blobs, jobs, bus
         self._link, self._lock, self._now = link, lock, now
+        self._default_capture_bytes = self.capture_bytes()
         self.now = now
         jobs.register(JobKind("retention", RemovalJob, self.work, renewed=self._renewed, repeated=unconfirmed))
 
     def start(self) -> None:
         """Apply the policy to the raw captures."""
-        if self.policy().captures_mb:
-            self._link.capture.keep_at_most(self.policy().captures_mb << 20)
+        self._limit_captures(self.policy())
+
+    def _limit_captures(self, policy: RetentionPolicy) -> None:
+        self._link.capture.keep_at_most((policy.captures_mb << 20) or self._default_capture_bytes)
 
     def policy(self) -> RetentionPolicy:
         """Return the active policy."""
@@ -81,8 +84,7 @@ class RetentionService:
         with self._database.unit_of_work() as session:
             choices.write(session, CHOICE, policy.model_dump(), self._now(), user)
             choices.forget(session, WAITING)
-        if policy.captures_mb:
-            self._link.capture.keep_at_most(policy.captures_mb << 20)
+        self._limit_captures(policy)
         rules = ", ".join(f"{k} {v:g}" for k, v in policy.model_dump().items() if v)
         self._bus.record("upkeep", "watch", f"Retention changed by {user}: {rules or 'keep everything'}")
         return policy

@@ -37,3 +37,14 @@ def test_a_frame_that_is_protected_during_a_removal_keeps_its_pixels(store, monk
         left = list(session.scalars(select(Frame.id).where(Frame.pixels_removed.is_(None))))
     assert (left, removed["frames"]) == ([ids[-1]], 5)
     assert store.blob_path(bytes([5]) * 500).exists()
+
+
+def test_the_default_limit_of_captures_applies_again_without_a_restart(store):
+    """If the limit of captures is set to 0, the configured limit applies, immediately and after a restart."""
+    default = store.retention.capture_bytes()
+    store.retention.choose(RetentionPolicy(captures_mb=100), user="ann")
+    assert store.retention.capture_bytes() == 100 << 20
+    store.retention.choose(RetentionPolicy(), user="ann")
+    assert store.retention.capture_bytes() == default
+    store.retention.start()
+    assert store.retention.capture_bytes() == default
