@@ -233,7 +233,7 @@ class BackupService:
     def prune(self, keep: int, just_made: str) -> list[str]:
         """Remove all backups except the latest ``keep``, which include ``just_made``, and the blobs that no remaining
         backup needs. Does not remove anything while the clock is in doubt. Backups dated in the future are neither
-        counted nor removed."""
+        counted nor removed. If a manifest in the folder of backups cannot be read, no blobs are removed."""
         doubt = self._trust.state().doubt
         if doubt:
             self._bus.record("upkeep", "warning", f"Old backups were not removed: the server's clock is {doubt}")
@@ -246,7 +246,14 @@ class BackupService:
             expired = [name for name in dated if name != just_made][max(0, keep - 1) :]
             for name in expired:
                 shutil.rmtree(self._folder / name)
-            needed = {key for manifest in self.list_all() for key in manifest.blobs}
+            needed: set[str] = set()
+            for file in self._folder.glob(f"*/{MANIFEST}"):  # also of backups that were renamed
+                try:
+                    needed |= read_manifest(file.parent).blobs.keys()
+                except (GssError, OSError) as error:
+                    text = f"No files of backups were removed: backup {file.parent.name} cannot be read: {error}"
+                    self._bus.record("upkeep", "warning", text)
+                    return expired
             pool = BlobStore(str(self._folder / POOL))
             for key in list(pool.keys()):
                 if key not in needed:
