@@ -45,24 +45,23 @@ def account_store(arguments: argparse.Namespace) -> Iterator[AccountAdministrati
     from gss.operations.accounts.audit import AuditService
     from gss.operations.accounts.audit_anchor import AnchorFile
     from gss.operations.clock import monotonic_s, utc_now
-    from gss.operations.folder_lock import own_folder
+    from gss.operations.folder_lock import own_folder, private_files
     from gss.settings import Settings
     from gss.store.engine import Database, open_engine
     from gss.store.migration import migrate
 
-    previous_umask = os.umask(0o077)
     settings = Settings() if arguments.data is None else Settings(data=arguments.data)
-    own_folder(settings.data)
-    migrate(settings.database_url)
-    database = Database(open_engine(settings.database_url))
-    try:
-        accounts = open_account_service(database, settings, utc_now, monotonic_s)
-        audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))
-        audit.begin_anchors()
-        yield AccountAdministration(accounts, audit, settings, f"shell:{_user()}"[:60])
-    finally:
-        database.close()
-        os.umask(previous_umask)
+    with private_files():
+        own_folder(settings.data)
+        migrate(settings.database_url)
+        database = Database(open_engine(settings.database_url))
+        try:
+            accounts = open_account_service(database, settings, utc_now, monotonic_s)
+            audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))
+            audit.begin_anchors()
+            yield AccountAdministration(accounts, audit, settings, f"shell:{_user()}"[:60])
+        finally:
+            database.close()
 
 
 def _user() -> str:

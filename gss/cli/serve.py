@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import socket
 import sys
 from functools import partial
@@ -50,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     hide_build_tools()
     from gss.api.guard.perimeter import check_exposure
     from gss.api.simulated import start_simulator
-    from gss.operations.folder_lock import folder_lock
+    from gss.operations.folder_lock import folder_lock, private_files
     from gss.settings import Settings
     from gss.store.engine import sole_server
 
@@ -63,8 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     units = _units(settings)
     workers = f" with API workers ({settings.workers})" if settings.workers else ""
     print(f"starting{workers} …", file=sys.stderr, flush=True)
-    os.umask(0o077)  # only the user of the server can access its files
     with contextlib.ExitStack() as stack:
+        stack.enter_context(private_files())
         stack.enter_context(folder_lock(settings.data))
         stack.enter_context(sole_server(settings.database_url))
         listener = stack.enter_context(_listen(settings.host, settings.port))

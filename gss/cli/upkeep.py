@@ -129,11 +129,13 @@ def register_check(kinds: Kinds) -> None:
 def backup(arguments: argparse.Namespace) -> int:
     """Create a backup and print its location."""
     from gss.cli.records import services_of
+    from gss.operations.folder_lock import private_files
 
-    services = services_of(arguments, arguments.to)
-    service = services.upkeep.backups
-    services.base.disk.check("a backup", service.needed_bytes())
-    manifest = service.make(_show_progress)
+    with private_files():
+        services = services_of(arguments, arguments.to)
+        service = services.upkeep.backups
+        services.base.disk.check("a backup", service.needed_bytes())
+        manifest = service.make(_show_progress)
     removed = service.prune(arguments.keep, manifest.name) if arguments.keep else []
     doubt = services.base.trust.state().doubt
     if arguments.keep and doubt:
@@ -155,21 +157,23 @@ def restore(arguments: argparse.Namespace) -> int:
     """Verify a backup, restore it and print how to start the server."""
     from gss.domain.errors import BadInput, CorruptData
     from gss.operations.clock import utc_now
+    from gss.operations.folder_lock import private_files
     from gss.operations.upkeep.restore import KEYS_ENDED
     from gss.operations.upkeep.restore import restore as restore_backup
     from gss.settings import Settings
 
     settings = Settings()
     try:
-        restored = restore_backup(
-            arguments.backup.resolve(),
-            arguments.into,
-            utc_now,
-            database_url=settings.database,
-            blobs_url=settings.blobs,
-            audit_anchor=Path(settings.audit_anchor) if settings.audit_anchor else None,
-            on_step=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
-        )
+        with private_files():
+            restored = restore_backup(
+                arguments.backup.resolve(),
+                arguments.into,
+                utc_now,
+                database_url=settings.database,
+                blobs_url=settings.blobs,
+                audit_anchor=Path(settings.audit_anchor) if settings.audit_anchor else None,
+                on_step=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
+            )
     except CorruptData as error:  # a damaged backup is bad input of this command
         raise BadInput(error.message, expected=error.expected, got=error.got, hint=error.hint) from error
     print(

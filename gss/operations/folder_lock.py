@@ -1,9 +1,11 @@
-"""File locks. Only one server may use a data folder, because two servers would write the same captures."""
+"""File locks and access rights of a data folder. Only one server may use a data folder, because two servers would write the
+same captures."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +22,16 @@ def own_folder(folder: Path) -> None:
     elif folder.stat().st_mode & 0o007:
         with contextlib.suppress(PermissionError):  # the folder belongs to another user
             folder.chmod(folder.stat().st_mode & 0o770)
+
+
+@contextmanager
+def private_files() -> Iterator[None]:
+    """Let only the user of this process access the files and folders that it creates in the block."""
+    previous_umask = os.umask(0o077)
+    try:
+        yield
+    finally:
+        os.umask(previous_umask)
 
 
 @contextmanager
