@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 from gss import __version__
 from gss.domain.callbacks import no_progress
@@ -27,7 +27,16 @@ from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
 from gss.operations.line.capture_files import capture_files, open_capture, plain_name
-from gss.operations.upkeep.backup_manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
+from gss.operations.upkeep.backup_manifest import (
+    BLOCK,
+    DATABASE,
+    MANIFEST,
+    NAME,
+    SEAL,
+    Manifest,
+    read_manifest,
+    sha256_of,
+)
 from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.retention_policy import stored_policy
@@ -261,47 +270,26 @@ class BackupService:
         return expired
 
     def archive(self, name: str) -> Iterator[bytes]:
-        """Yield one backup as a tar file in chunks, in the format that ``gss restore`` reads."""
+        """Yield one backup as a tar file in blocks of at most 1 MiB, in the format that ``gss restore`` reads."""
         manifest, folder = self.get(name), self._folder / name
-        pool, sink = BlobStore(str(self._folder / POOL)), _Sink()
-        with tarfile.open(fileobj=sink, mode="w|", format=tarfile.PAX_FORMAT) as tar:
-            for file in (MANIFEST, SEAL, manifest.database):
-                tar.add(folder / file, arcname=f"{name}/{file}", filter=_without_owner)
-                yield from sink.take()
-            for key in sorted(manifest.blobs):
-                data = pool.get(key)
-                member = tarfile.TarInfo(f"{POOL}/{key[:2]}/{key[2:]}")
-                member.size, member.mode = len(data), 0o600
-                tar.addfile(member, io.BytesIO(data))
-                yield from sink.take()
-        yield from sink.take()
+        pool, at = BlobStore(str(self._folder / POOL)), datetime.fromisoformat(manifest.created)
+        for file in (MANIFEST, SEAL, manifest.database):
+            with (folder / file).open("rb") as content:
+                yield from _tar_member(f"{name}/{file}", content, at)
+        for key in sorted(manifest.blobs):
+            yield from _tar_member(f"{POOL}/{key[:2]}/{key[2:]}", io.BytesIO(pool.get(key)), at)
+        yield bytes(2 * tarfile.BLOCKSIZE)
 
 
-class _Sink(io.RawIOBase):
-    """Buffers the output of a tar writer until ``take`` returns it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._chunks: list[bytes] = []
-
-    def writable(self) -> bool:
-        return True
-
-    def write(self, data: Any) -> int:
-        self._chunks.append(bytes(data))
-        return len(data)
-
-    def take(self) -> list[bytes]:
-        chunks, self._chunks = self._chunks, []
-        return chunks
-
-
-def _without_owner(member: tarfile.TarInfo) -> tarfile.TarInfo:
-    """Clear user and group of a tar member, and let only the owner read and write it."""
-    member.uid = member.gid = 0
-    member.uname = member.gname = ""
-    member.mode = 0o600
-    return member
+def _tar_member(name: str, content: BinaryIO, at: datetime) -> Iterator[bytes]:
+    """Yield a member of a tar file that only the owner can read: header, content and padding."""
+    member = tarfile.TarInfo(name)
+    member.size, member.mode, member.mtime = content.seek(0, io.SEEK_END), 0o600, int(at.timestamp())
+    yield member.tobuf(tarfile.PAX_FORMAT)
+    content.seek(0)
+    while block := content.read(BLOCK):
+        yield block
+    yield bytes(-member.size % tarfile.BLOCKSIZE)
 
 
 def _sync(folder: Path) -> None:
