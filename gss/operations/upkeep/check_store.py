@@ -3,6 +3,7 @@ audit chain."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ from gss.domain.callbacks import no_progress
 from gss.domain.errors import CorruptData, GssError, NotFound, StoreDown
 from gss.operations.accounts.audit import AuditService
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
-from gss.operations.line.capture_files import PACKED, capture_files, plain_name
+from gss.operations.line.capture_files import capture_files, capture_sizes, packed_path, plain_name
 from gss.operations.line.raw_capture import read_captures
 from gss.store import devices
 from gss.store import upkeep as store
@@ -97,24 +98,35 @@ def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: 
         expected: dict[str, store.Reference] = {}
         for reference in store.references(session):
             expected.setdefault(reference.sha256, reference)
-    missing, damaged, unequal = [], [], []
+    missing, damaged, unequal = {}, {}, {}
     for k, (key, reference) in enumerate(expected.items()):
         progress(k, len(expected), f"Reading bytes, {k} of {len(expected)}")
         try:
             size = len(blobs.get(key))
         except NotFound:
-            missing.append(f"{reference.by}: {key[:16]}…")
+            missing[key] = f"{reference.by}: {key[:16]}…"
             continue
         except (CorruptData, OSError):
-            damaged.append(f"{reference.by}: {key[:16]}…")
+            damaged[key] = f"{reference.by}: {key[:16]}…"
             continue
         if reference.size is not None and size != reference.size:
-            unequal.append(f"{reference.by}: {size} B instead of {reference.size}")
-    report.add("missing files", missing, f"all {len(expected)} exist", "are missing: restore them from a backup")
-    report.add("damaged files", damaged, "all hashes match", "are damaged: restore them from a backup")
-    report.add("wrong file sizes", unequal, "all sizes match", "do not have the recorded size")
+            unequal[key] = f"{reference.by}: {size} B instead of {reference.size}"
     orphans = [key for key in blobs.keys() if key not in expected]  # noqa: SIM118 - not a dictionary
-    size = sum(blobs.size(key) for key in orphans[:1000])
+    with database.unit_of_work() as session:  # rows can change during the check, for example by retention
+        current = {reference.sha256 for reference in store.references(session)}
+    for problems in (missing, damaged, unequal):
+        for key in problems.keys() - current:
+            del problems[key]
+    orphans = [key for key in orphans if key not in current]
+    report.add(
+        "missing files", [*missing.values()], f"all {len(expected)} exist", "are missing: restore them from a backup"
+    )
+    report.add("damaged files", [*damaged.values()], "all hashes match", "are damaged: restore them from a backup")
+    report.add("wrong file sizes", [*unequal.values()], "all sizes match", "do not have the recorded size")
+    size = 0
+    for key in orphans[:1000]:
+        with contextlib.suppress(NotFound):  # removed during the check
+            size += blobs.size(key)
     problem = f"are no longer referenced, {size} B in the first {min(len(orphans), 1000)}"
     report.add("unused files", orphans, "none", problem, NOTE)
 
@@ -132,12 +144,17 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
 
     for k, path in enumerate(files.values()):
         progress(k, len(files), f"Reading captures, {k} of {len(files)}")
-        for _ in read_captures([path], unread):
-            pass
+        try:
+            for _ in read_captures([path], unread):
+                pass
+        except FileNotFoundError:
+            if path.exists() or packed_path(path).exists():
+                raise
+    sizes = {file.path.name: file.bytes for file in capture_sizes(folder)}  # compressed files have other names
     short = [
-        f"{name}: {files[name].stat().st_size} B, the contact had written {entry['bytes']}"
+        f"{name}: {sizes[name]} B, the contact had written {entry['bytes']}"
         for name, entry in recorded.items()
-        if name in files and files[name].suffix != PACKED and files[name].stat().st_size < int(str(entry["bytes"]))
+        if name in sizes and sizes[name] < int(str(entry["bytes"]))
     ]
     report.add(
         "removed captures", missing, "every file exists", "files are missing: retention removes the oldest", NOTE
