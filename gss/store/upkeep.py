@@ -330,10 +330,9 @@ def states(session: Session) -> Iterator[tuple[str, str, int]]:
             yield name, str(state), int(number)
 
 
-def oldest(session: Session) -> tuple[datetime | None, datetime | None, datetime | None]:
-    """Return the times of the oldest frame with pixels, the oldest packet and the oldest event."""
-    frame = session.scalar(select(func.min(Frame.received)).where(Frame.pixels_removed.is_(None)))
-    return frame, session.scalar(select(func.min(TelemetryPacket.received))), session.scalar(select(func.min(Event.at)))
+def oldest(session: Session) -> tuple[datetime | None, datetime | None]:
+    """Return the times of the oldest packet and the oldest event."""
+    return session.scalar(select(func.min(TelemetryPacket.received))), session.scalar(select(func.min(Event.at)))
 
 
 def frame_count(session: Session) -> int:

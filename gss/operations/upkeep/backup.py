@@ -227,9 +227,13 @@ class BackupService:
         return backups
 
     def newest_at(self) -> datetime | None:
-        """Return the time of the latest backup; None if there is no backup."""
-        newest = next(iter(self.list_all()), None)
-        return datetime.fromisoformat(newest.created) if newest else None
+        """Return the time of the latest backup, without backups dated in the future; None if there is no backup."""
+        return max((datetime.fromisoformat(manifest.created) for manifest in self._dated()), default=None)
+
+    def _dated(self) -> list[Manifest]:
+        """Return the backups that are not dated in the future, latest first."""
+        latest = self._now() + BEHIND
+        return [manifest for manifest in self.list_all() if datetime.fromisoformat(manifest.created) <= latest]
 
     def get(self, name: str) -> Manifest:
         """Return the backup with that name. Raises BadInput or NotFound."""
@@ -248,11 +252,8 @@ class BackupService:
             self._bus.record("upkeep", "warning", f"Old backups were not removed: the server's clock is {doubt}")
             return []
         with named_lock(self._lock, BUSY):
-            latest = self._now() + BEHIND
-            dated = [
-                manifest.name for manifest in self.list_all() if datetime.fromisoformat(manifest.created) <= latest
-            ]
-            expired = [name for name in dated if name != just_made][max(0, keep - 1) :]
+            others = [manifest.name for manifest in self._dated() if manifest.name != just_made]
+            expired = others[max(0, keep - 1) :]
             for name in expired:
                 shutil.rmtree(self._folder / name)
             needed: set[str] = set()

@@ -56,7 +56,7 @@ def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, 
         _, frames_bytes = store.pixel_bytes(session)
         _, new_frames_bytes = store.pixel_bytes(session, since)
         packets, new_packets = store.count_packets(session), store.count_packets(session, since=since)
-        oldest_frame, oldest_packet, oldest_row = store.oldest(session)
+        oldest_packet, oldest_row = store.oldest(session)
     files = retention.capture_sizes()
     captures_bytes = sum(file.bytes for file in files)
     new_captures = 0
@@ -77,6 +77,8 @@ def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, 
     free_bytes = disk.look().free_bytes
     available_bytes = max(0, free_bytes - disk.stop_bytes)
     removable = list(retention.going(policy, now))
+    unprotected = retention.unprotected(policy) if policy.frames_days else []
+    oldest_frame = min((pixels.received for pixels in unprotected), default=None)
     return Forecast(
         database_bytes,
         frames_bytes,

@@ -228,17 +228,22 @@ class RetentionService:
         if not policy.frames_days and not policy.frames_gb:
             return
         with self._database.unit_of_work() as session:
-            used_ids = store.used_by_studies(session)
-            stored_pixels = list(store.pixels_held(session))
             total = store.pixel_bytes(session)[1]
         oldest_kept = _cutoff(at, policy.frames_days)
-        for pixels in stored_pixels[: max(0, len(stored_pixels) - policy.keep_frames)]:
+        for pixels in self.unprotected(policy):
             too_many = bool(policy.frames_gb) and total > policy.frames_gb * 1e9
-            if pixels.frame_id not in used_ids and (
-                too_many or (oldest_kept is not None and pixels.received < oldest_kept)
-            ):
+            if too_many or (oldest_kept is not None and pixels.received < oldest_kept):
                 total -= pixels.size
                 yield pixels
+
+    def unprotected(self, policy: RetentionPolicy) -> list[store.Pixels]:
+        """Return the pixels that the policy removes at some age or total size, oldest first: not those of favourites, of
+        frames used by studies and of the latest frames."""
+        with self._database.unit_of_work() as session:
+            used_ids = store.used_by_studies(session)
+            stored_pixels = list(store.pixels_held(session))
+        older = stored_pixels[: max(0, len(stored_pixels) - policy.keep_frames)]
+        return [pixels for pixels in older if pixels.frame_id not in used_ids]
 
     def _delete_blobs(self, keys: list[str], removed: dict[str, int]) -> None:
         """Delete the blobs that no row references."""

@@ -51,3 +51,14 @@ def test_no_files_are_removed_while_a_manifest_cannot_be_read(store, clock, tmp_
     assert first.name in warning
     manifest.write_bytes(intact)
     assert restore(manifest.parent, tmp_path / "new", clock).files == 1
+
+
+def test_the_newest_backup_is_not_one_dated_in_the_future(store, clock):
+    """A backup that was created while the clock was ahead does not count as the newest backup until that time."""
+    clock.forward(30 * 86400)
+    store.backups.make()
+    clock.forward(-30 * 86400)
+    assert store.backups.newest_at() is None
+    made_at = clock().replace(microsecond=0)
+    store.backups.make()
+    assert store.backups.newest_at() == made_at

@@ -1,11 +1,14 @@
-"""Retention follows changes that users make while it runs, and a limit that is set back to its default."""
+"""Retention follows changes of frames and of its policy during a removal; the forecast ignores frames that are kept."""
 
 from __future__ import annotations
+
+from datetime import timedelta
 
 import pytest
 from sqlalchemy import select
 
 from gss.operations.upkeep import retention as room
+from gss.operations.upkeep.forecast import ForecastService
 from gss.operations.upkeep.retention_policy import RetentionPolicy
 from gss.store.models import Calibration, Frame
 
@@ -48,3 +51,14 @@ def test_the_default_limit_of_captures_applies_again_without_a_restart(store):
     assert store.retention.capture_bytes() == default
     store.retention.start()
     assert store.retention.capture_bytes() == default
+
+
+def test_the_forecast_ignores_frames_that_are_kept(store):
+    """The next removal depends on the oldest frame whose pixels are not kept; without such frames there is none."""
+    ids = [store.add_frame(bytes([k]) * 500, age_days=days) for k, days in enumerate((40, 4, 2))]
+    forecast = ForecastService(store.database, store.retention, store.disk, store.backups.folder)
+    store.retention.favourite(ids[0], True)
+    store.retention.choose(RetentionPolicy(frames_days=10, keep_frames=1), user="ann")
+    assert forecast.now().next_removal == store.clock() + timedelta(days=6)
+    store.retention.choose(RetentionPolicy(frames_days=10, keep_frames=100), user="ann")
+    assert (forecast.now().next_removal, forecast.now().removable_bytes) == (None, 0)
