@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.domain.errors import Conflict, GssError
+from gss.domain.errors import Conflict
 from gss.domain.limits import State
 from gss.operations.clock import Now
 from gss.operations.heads.judge import AgreementWatch, HeadsVerdict, findings, verdict
@@ -26,6 +27,7 @@ from gss.store import heads as store
 from gss.store.engine import Database
 from gss.store.models import FusedRow, HeadPairRow
 
+log = logging.getLogger("gss.heads")
 TICK_S = 0.5
 RELOAD_S = 5.0
 """Interval at which the stored spacecraft are read again, because other processes can change them."""
@@ -177,8 +179,9 @@ class HeadWatch:
             try:
                 self.step()
                 self.problem = ""
-            except GssError as error:
-                self.problem = str(error)
+            except Exception as error:  # a locked database or a damaged row must not end the watch
+                self.problem = str(error) or type(error).__name__
+                log.exception("the heads could not be compared")
 
     def _keep(self, follower: _Follower, results: Sequence[HeadsResult]) -> None:
         setup = follower.tracker.setup

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,7 +31,8 @@ CubeStar units: at rest, the mean errors of 18 heads with different stars were 0
 heads and a body rate of 0.02°/s, errors 20 s to 100 s apart had a correlation of 0.1 to 0.05 sigma², which vanished after
 300 s."""
 CLOCK_BACK_S = 60.0
-"""If a new attitude is older than the latest attitude by more than this time, a clock was set back."""
+"""If a new attitude is older than the latest attitude or estimate by more than this time, a clock was set back. The
+misalignment estimates then continue from the new time."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,7 @@ class HeadTracker:
         series, time_s = self._series[unit], sample.utc.timestamp()
         if series.newest_s is not None and time_s < series.newest_s - CLOCK_BACK_S:
             self._series[unit] = series = _Series()
+            self._waiting.clear()
         if series.newest_s is not None and time_s <= series.newest_s:
             return
         covariance = head.covariance(sample.sigma_cross_arcsec, sample.sigma_roll_arcsec)
@@ -210,7 +212,10 @@ class HeadTracker:
             random = first.attitude.covariance_rad2 + second.attitude.covariance_rad2
             lasting = first.timing_rad2 + second.timing_rad2 + STEADY_SHARE**2 * random
             before = self._filters.get(head.unit) or started(time_s, np.eye(3) * PRIOR_RAD**2)
-            if time_s < before.time_s:
+            back_s = before.time_s - time_s
+            if back_s > CLOCK_BACK_S:
+                before = replace(before, time_s=time_s, began_s=before.began_s - back_s)
+            elif back_s > 0:
                 continue
             after = updated(before, time_s, first.attitude, second.attitude, lasting)
             self._filters[head.unit] = after

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from datetime import UTC, datetime
 from typing import Any
 
@@ -16,6 +17,7 @@ from gss.domain.limits import State
 from gss.domain.rotation import quaternion_from_matrix, quaternion_inverse, quaternion_product, rotation_x, turned
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
+from gss.operations.heads import head_watch
 from gss.operations.heads.head_watch import HeadWatch, estimate_of
 from gss.operations.heads.mountings import SpacecraftRequest
 from gss.operations.heads.spacecraft_book import SpacecraftBook
@@ -272,6 +274,58 @@ def test_history_is_stored_and_continued(book, watch, body, database, alarms, cl
     restarted.step()
     assert restarted.states() == []
     assert {alarm[1:] for alarm in open_heads(alarms)} == {("ok", "cleared")}
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_the_comparison_continues_after_the_clock_is_set_back(
+    book, watch, body, database, alarms, clock, restarted: bool
+) -> None:
+    """If the clock is set back by an hour, the estimate of the misalignment continues at the new time, also after a
+    restart, and the duration of the estimate does not change."""
+    book.create(request(misalignment_limit_arcsec=60.0), user="kim")
+    body.run(60)
+    (before,) = watch.states()[0].result.pairs
+    clock.forward(-3600)
+    if restarted:
+        body.watch = HeadWatch(book, database, alarms, clock)
+    body.misalignment_rad = np.array([300.0, 0, 0]) * ARCSEC_RAD
+    body.run(30)
+    (state,) = body.watch.states()
+    (after,) = state.result.pairs
+    assert abs(clock().timestamp() - after.misalignment.time_s) < 3
+    assert after.misalignment.began_s <= after.misalignment.time_s
+    assert after.misalignment.restarts == before.misalignment.restarts + 1
+    assert ("SAT: B misalignment", "warning", "raised") in open_heads(alarms)
+
+
+def test_times_that_wait_are_forgotten_when_the_clock_is_set_back(book, watch, body, clock) -> None:
+    """A time that waits for the other head does not delay the comparison after the clock is set back."""
+    book.create(request(), user="kim")
+    body.run(10)
+    watch.take("A", [body.sample("A", clock().timestamp() + 0.5)])
+    watch.step()
+    clock.forward(-3600)
+    body.run(10)
+    (state,) = watch.states()
+    assert abs(clock().timestamp() - state.result.time_s) < 3
+
+
+def test_an_unexpected_error_does_not_end_the_thread(watch, monkeypatch) -> None:
+    """After an error of any type, the problem is stated and the next step is executed."""
+    repeated = threading.Event()
+    steps = iter(range(1000))
+
+    def fail() -> None:
+        if next(steps):
+            repeated.set()
+        raise RuntimeError("a damaged row")
+
+    monkeypatch.setattr(head_watch, "TICK_S", 0.01)
+    monkeypatch.setattr(watch, "step", fail)
+    watch.start()
+    assert repeated.wait(5)
+    watch.stop()
+    assert watch.problem == "a damaged row"
 
 
 @pytest.mark.parametrize(
