@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gss.device.session_events import Telemetry
+from gss.domain.angles import ra_dec_from_unit
 from gss.domain.limits import State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
@@ -19,7 +21,7 @@ from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import AlarmService
-from gss.operations.telemetry.last_attitude import LastAttitude
+from gss.operations.telemetry.last_attitude import LastAttitude, ReportedAttitude
 from gss.operations.telemetry.telemetry import TelemetryService
 
 AT = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
@@ -88,3 +90,24 @@ def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock,
     places[0] = None  # the orbit is no longer known
     after(6, SUN)
     assert limb()[:2] == (State.OK, "cleared")
+
+
+def test_sun_and_moon_are_checked_if_the_position_of_the_camera_cannot_be_read(clock) -> None:
+    """If the position of the camera cannot be read, the alarms of Sun and Moon are updated and that of the limb is not."""
+    clock.at = AT
+    watched: list[tuple[str, State]] = []
+
+    class Alarms:
+        def watch(self, key: tuple[str, str], state: State, *_: object, **__: object) -> None:
+            watched.append((key[1], state))
+
+    def fail(at: datetime) -> Place | None:
+        raise OSError("the store cannot be read")
+
+    ra, dec = np.degrees(ra_dec_from_unit(SUN))
+    report = ReportedAttitude(float(ra), float(dec), None, 0.0, "solved")
+    watch = MarginWatch(SimpleNamespace(report=lambda: report), fail, Alarms(), clock)
+    with pytest.raises(OSError, match="the store"):
+        watch.tick()
+    assert [name for name, _ in watched] == ["Sun", "Moon"]
+    assert ("Sun", State.WARNING) in watched

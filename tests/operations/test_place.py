@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,12 @@ from astropy.utils import iers
 from sgp4.api import Satrec
 
 from gss.domain.errors import BadInput
-from gss.operations.frames.place import Place, circular_km, tle_km
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.operations import Operation
+from gss.instruments.roles import default_roles
+from gss.operations.frames import place as place_of
+from gss.operations.frames.place import Place, PlaceService, circular_km, tle_km
+from gss.store.models import Command
 
 TLE = """1 25544U 98067A   26325.50000000  .00010000  00000-0  18000-3 0  9990
 2 25544  51.6400 200.0000 0005000  50.0000 310.0000 15.50000000    10"""
@@ -60,6 +66,38 @@ def test_the_earth_disc_has_the_direction_and_size_for_the_height():
     place = Place(np.array([0.0, 6978.137, 0.0]), "")
     assert place.earth_icrs == pytest.approx([0, -1, 0])
     assert place.earth_radius_rad == pytest.approx(np.arcsin(6378.137 / 6978.137))
+
+
+@pytest.mark.parametrize(
+    ("more", "source"),
+    [({}, "orbit from SET_ORBIT"), ({"drag": 1.0}, "orbit of SAT"), ({"altitude_km": -9e9}, "orbit of SAT")],
+)
+def test_a_command_of_another_dictionary_is_skipped(database, clock, monkeypatch, more, source):
+    """If the arguments of the last SET_ORBIT do not fit the dictionary, the next source gives the position."""
+    dictionary = load_dictionary()
+    operations = default_roles(dictionary).operations
+    orbit = {"raan_deg": 84.0, "inclination_deg": 97.8, "latitude_deg": 30.0, "altitude_km": 600.0, "epoch_s": 100.0}
+    with database.unit_of_work() as session:
+        session.add(
+            Command(
+                name=operations.command(Operation.SET_ORBIT),
+                request_id=1,
+                created=clock(),
+                user="kim",
+                source="operator",
+                result="completed",
+                detail="",
+                arguments=orbit | more,
+                values={},
+                late=False,
+                attempts=1,
+                resolved_note="",
+            )
+        )
+    monkeypatch.setattr(place_of, "icrs_km", lambda trajectory, moment: np.array([7000.0, 0.0, 0.0]))
+    correlation = SimpleNamespace(device_of=lambda utc_s: 200.0)
+    service = PlaceService(operations, database, None, lambda: correlation, lambda moment: ("SAT", None))
+    assert service.at(clock()).source == source
 
 
 def test_an_element_set_far_from_its_epoch_has_no_position():

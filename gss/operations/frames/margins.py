@@ -21,19 +21,25 @@ CURRENT_S = 10.0
 """Maximum age of an attitude that is checked. An older attitude does not change the alarms, because the camera can have
 moved since then."""
 EVERY = timedelta(seconds=5)
-LEVELS = {"Sun": State.WARNING, "Moon": State.WATCH, "Earth limb": State.WARNING}
+LIMB = "Earth limb"
+LEVELS = {"Sun": State.WARNING, "Moon": State.WATCH, LIMB: State.WARNING}
 
 
 def margins_deg(boresight: Array, at: datetime, place: Place | None) -> dict[str, tuple[float, float]]:
     """Return for each body its angle from the boresight and the minimum angle, in degrees. ``boresight``: (3,) ICRS unit vector.
     The Earth's limb is omitted if the position of the camera is unknown."""
-    directions = {body.name: (body.icrs, 0.0, body.exclusion_rad) for body in bodies(at)}
-    if place is not None:
-        directions["Earth limb"] = (place.earth_icrs, place.earth_radius_rad, EARTH_EXCLUSION_RAD)
-    return {
-        name: (math.degrees(math.acos(float(np.clip(boresight @ direction, -1, 1))) - radius), math.degrees(minimum))
-        for name, (direction, radius, minimum) in directions.items()
-    }
+    margins = {body.name: _margin_deg(boresight, body.icrs, 0.0, body.exclusion_rad) for body in bodies(at)}
+    return margins if place is None else margins | {LIMB: limb_deg(boresight, place)}
+
+
+def limb_deg(boresight: Array, place: Place) -> tuple[float, float]:
+    """Return the angle between the Earth's limb and the boresight, a (3,) ICRS unit vector, and the minimum angle, in degrees."""
+    return _margin_deg(boresight, place.earth_icrs, place.earth_radius_rad, EARTH_EXCLUSION_RAD)
+
+
+def _margin_deg(boresight: Array, direction: Array, radius: float, minimum: float) -> tuple[float, float]:
+    angle = math.acos(float(np.clip(boresight @ direction, -1, 1)))
+    return math.degrees(angle - radius), math.degrees(minimum)
 
 
 class MarginWatch:
@@ -55,9 +61,14 @@ class MarginWatch:
             return
         self._checked = now
         boresight = unit_from_ra_dec(math.radians(report.ra_deg), math.radians(report.dec_deg))
-        margins = margins_deg(boresight, now, self._place_at(now))
-        for name in LEVELS.keys() - margins.keys():
-            self._alarms.watch((MARGIN, name), State.OK, 0.0, "", "", judged=False)
+        self._watch(margins_deg(boresight, now, None))  # first, because the position of the camera may not be readable
+        place = self._place_at(now)
+        if place is None:
+            self._alarms.watch((MARGIN, LIMB), State.OK, 0.0, "", "", judged=False)
+        else:
+            self._watch({LIMB: limb_deg(boresight, place)})
+
+    def _watch(self, margins: dict[str, tuple[float, float]]) -> None:
         for name, (angle, minimum) in margins.items():
             level = LEVELS[name] if angle < minimum else State.OK
             limit = f"below {minimum:g}° ({level})"

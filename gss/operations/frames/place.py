@@ -80,7 +80,12 @@ class PlaceService:
         clock = self._clock()
         if not commands or clock is None:
             return None
-        arguments = check_arguments(operations.dictionary.command(command), commands[0].arguments)  # adds the defaults
+        try:
+            arguments = check_arguments(
+                operations.dictionary.command(command), commands[0].arguments
+            )  # adds the defaults
+        except BadInput:  # the command was sent with another dictionary
+            return None
         arguments = operations.given(Operation.SET_ORBIT, arguments)
         return Place(circular_km(arguments, clock.device_of(moment.timestamp())), "orbit from SET_ORBIT")
 
