@@ -39,6 +39,12 @@ def between(
     return list(session.scalars(query))[::-1]
 
 
+def of_alarm(session: Session, alarm_id: int, start: datetime) -> list[Event]:
+    """Return the events of an alarm from ``start`` on, oldest first."""
+    own = (Event.at >= start, Event.kind == "alarm", Event.data["alarm_id"].as_integer() == alarm_id)
+    return list(session.scalars(select(Event).where(*own).order_by(Event.seq)))
+
+
 def last_seq(session: Session) -> int:
     """Return the number of the newest event; 0 if there is none."""
     return session.scalar(select(func.max(Event.seq))) or 0

@@ -210,6 +210,31 @@ def test_an_alarm_is_sent_once_and_escalates_until_it_is_acknowledged(harness, m
     assert (len(receiver.bodies), len(mailbox.letters)) == (1, 1)
 
 
+@pytest.mark.parametrize("acknowledged", [False, True])
+@pytest.mark.parametrize("restarted", [False, True])
+def test_the_time_without_acknowledgement_starts_again_at_a_worse_level(
+    harness, mailbox, receiver, acknowledged, restarted
+):
+    """If an acknowledged alarm becomes worse, it escalates ten minutes later, also after a restart. If it was not acknowledged
+    before, it escalates ten minutes after it was raised."""
+    harness.raise_alarm()
+    harness.look()
+    if acknowledged:
+        harness.look(60)
+        harness.alarms.acknowledge(harness.alarms.opened()[0].row.id, user="ann")
+    harness.look(300)
+    harness.raise_alarm(State.CRITICAL)
+    harness.look(120)
+    if restarted:
+        harness.service.stop()
+        harness.service = harness.new_service()
+    harness.look(240)
+    assert len(mailbox.letters) == (0 if acknowledged else 1)
+    harness.look(300)
+    assert len(mailbox.letters) == 1
+    assert [body["level"] for body in receiver.bodies] == ["warning", "critical"]
+
+
 def test_a_worse_level_is_sent_again(harness, receiver):
     """An alarm that becomes critical after a warning gives a second message."""
     harness.raise_alarm()

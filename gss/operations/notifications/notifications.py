@@ -19,6 +19,7 @@ from gss.operations.events import EventBus
 from gss.operations.notifications.rules_file import NotificationRule, NotificationRules, Target
 from gss.operations.notifications.senders import OutgoingMessage
 from gss.operations.telemetry.alarms import AlarmService
+from gss.store import events as event_store
 from gss.store import notifications as store
 from gss.store.engine import Database
 from gss.store.models import Alarm, Event, Notification
@@ -72,6 +73,7 @@ class NotificationService:
         self._pools: dict[str, ThreadPoolExecutor] = {}
         self._sending: dict[str, tuple[Future[str], tuple[int, ...]]] = {}
         self._last_sent_s: dict[str, float] = {}
+        self._unanswered_since: dict[tuple[int, str], datetime] = {}
         self._seq, self._began = 0, False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="notifications", daemon=True)
@@ -147,16 +149,28 @@ class NotificationService:
 
     def _of_alarms(self, unanswered: Sequence[Alarm], texts: dict[int, str]) -> Iterator[_Notification]:
         now = self._now()
+        since = {row.id: self._since(row) for row in unanswered}
         for rule in self.rules.rules:
             for row in unanswered:
                 if rule.on == "alarm" and rule.covers(row.worst):
-                    for step, target in _targets(rule, now - row.raised):
+                    for step, target in _targets(rule, now - since[row.id]):
                         key = f"alarm {row.id} {row.worst} {rule.name} {step} {target}"
                         text = f"{texts[row.id]} (alarm {row.id}, raised {row.raised:%Y-%m-%d %H:%M:%SZ}"
                         text += (
                             ")" if step == 0 else f", not acknowledged for {rule.escalate[step - 1].after_min:g} min)"
                         )
                         yield _Notification(key, rule.name, target, row.worst, text, rule.due(row.worst, now), row.id)
+
+    def _since(self, row: Alarm) -> datetime:
+        """Return the time since which an alarm has not been acknowledged. A worse level resets an acknowledgement."""
+        key = row.id, row.worst
+        if key not in self._unanswered_since:
+            since: datetime | None = row.raised
+            with self._database.unit_of_work() as session:
+                for event in event_store.of_alarm(session, row.id, row.raised):
+                    since = None if event.data.get("state") == "acked" else since or event.at
+            self._unanswered_since[key] = since or self._now()
+        return self._unanswered_since[key]
 
     def _of_events(self, events: Sequence[Event]) -> Iterator[_Notification]:
         now = self._now()
