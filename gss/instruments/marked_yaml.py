@@ -1,7 +1,7 @@
 """YAML with line numbers: a parsed file together with the line of each field.
 
 Stricter than YAML 1.1: no aliases (a few bytes could expand to gigabytes), no duplicate keys, no dates. As in YAML 1.2,
-``1e-4`` is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes`` and ``no`` are text.
+``1e-4`` is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes``, ``no`` and ``22:00`` are text.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ DEEPEST = 20
 BASE: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 BOOL = "tag:yaml.org,2002:bool"
 FLOAT = re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$")
+SEXAGESIMAL = re.compile(r"^[-+]?[0-9][0-9_]*(?::[0-5]?[0-9])+(?:\.[0-9_]*)?$")
 Place = tuple[str | int, ...]
 
 
@@ -27,7 +28,10 @@ class _Loader(BASE):  # type: ignore[misc, valid-type]  # chosen at import: liby
 
 
 _Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag not in ("tag:yaml.org,2002:timestamp", BOOL)]
+    first: [
+        ("tag:yaml.org,2002:str", SEXAGESIMAL),  # before the numbers, because the first pattern that matches is used
+        *((tag, pattern) for tag, pattern in resolvers if tag not in ("tag:yaml.org,2002:timestamp", BOOL)),
+    ]
     for first, resolvers in BASE.yaml_implicit_resolvers.items()
 }
 _Loader.add_implicit_resolver(BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))

@@ -105,6 +105,12 @@ def test_only_true_and_false_are_booleans() -> None:
     assert content == {"a": "on", "b": ["off", "yes", "No"], "c": True, "d": False}
 
 
+def test_numbers_with_colons_are_text() -> None:
+    """``22:00`` is text, as in YAML 1.2, and not the number 1320."""
+    content = parse_yaml("rules.yaml", b"a: 22:00\nb: [-1:30, 1:02:03.5, 05:59]\nc: 22\nd: -1.5\n").content
+    assert content == {"a": "22:00", "b": ["-1:30", "1:02:03.5", "05:59"], "c": 22, "d": -1.5}
+
+
 def test_missing_and_unknown_files_are_errors() -> None:
     """A package without camera.yaml, or with a file that is not a package file, is rejected."""
     with pytest.raises(BadInput, match=r"camera\.yaml is missing"):

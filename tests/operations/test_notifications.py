@@ -462,6 +462,26 @@ def test_a_test_message_is_sent(harness, mailbox):
         harness.service.test("pager", user="ann")
 
 
+QUIET = "    escalate: [{after_min: 10, to: [mail]}]", "    quiet: {start: START, end: 06:00}"
+
+
+@pytest.mark.parametrize(("start", "words"), [("22:00", "22:00"), ('"22:00"', "22:00"), ("08:30:15", "08:30")])
+def test_quiet_hours_are_read_with_and_without_quotation_marks(tmp_path, start, words):
+    """The quiet hours are those of the file."""
+    file = tmp_path / "rules.yaml"
+    file.write_text(RULES.format(mail=25, hook=80).replace(*QUIET).replace("START", start))
+    assert f"waits from {words} to 06:00 UTC" in read_rules(str(file), ENVIRONMENT).rules[0].words
+
+
+@pytest.mark.parametrize("start", ["1320", "22.5", '"22:00Z"', '"22:00+02:00"', "24:00", "9:30", "22:00:00.5", "true"])
+def test_other_forms_of_quiet_hours_are_rejected(tmp_path, start):
+    """Numbers and times with a time zone are rejected with line, field and form."""
+    file = tmp_path / "rules.yaml"
+    file.write_text(RULES.format(mail=25, hook=80).replace(*QUIET).replace("START", start))
+    with pytest.raises(BadInput, match=r"line 12: rules\.0\.quiet\.start: must be a time in UTC as HH:MM"):
+        read_rules(str(file), ENVIRONMENT)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

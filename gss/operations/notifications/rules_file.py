@@ -4,12 +4,13 @@ of secrets."""
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from datetime import datetime, time, timedelta
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, HttpUrl, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, HttpUrl, ValidationError, model_validator
 
 from gss.domain.errors import BadInput
 from gss.domain.limits import ORDER, State
@@ -17,12 +18,19 @@ from gss.instruments.marked_yaml import parse_yaml
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}$")]
 Address = Annotated[str, Field(pattern=r"^[^\s@<>,;]+@[^\s@<>,;]+$", max_length=254)]
+TIME_OF_DAY = re.compile(r"(?:[01][0-9]|2[0-3]):[0-5][0-9](?::[0-5][0-9])?")
 Level = Literal["ok", "watch", "warning", "critical"]
 Security = Literal["starttls", "tls", "none"]
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _time_of_day(value: object) -> object:
+    if not isinstance(value, str) or not TIME_OF_DAY.fullmatch(value):
+        raise ValueError("must be a time in UTC as HH:MM or HH:MM:SS, without a time zone")
+    return value
 
 
 class Mail(_Strict):
@@ -84,8 +92,8 @@ class Escalation(_Strict):
 class Quiet(_Strict):
     """Hours of the day (UTC) during which messages are delayed, except those of the level ``unless`` or above."""
 
-    start: time
-    end: time
+    start: Annotated[time, BeforeValidator(_time_of_day)]
+    end: Annotated[time, BeforeValidator(_time_of_day)]
     unless: Level = "critical"
 
     def end_after(self, now: datetime) -> datetime | None:
