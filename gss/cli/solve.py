@@ -128,6 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
                     _solve_image(name, image.result(), arguments, solver, sequencer, truths.get(Path(name).name))
                 )
             except GssError as error:
+                sequencer.skip()
                 print(f"gss: {error.sentences()}", file=sys.stderr)
                 codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
     return _worst(codes)

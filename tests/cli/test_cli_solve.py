@@ -197,6 +197,20 @@ def test_a_few_files_of_an_unknown_camera_load_no_compiled_loops_and_no_registry
     assert not {"numba", "gss.pipeline.loops", "gss.instruments.registry"} & loaded
 
 
+def test_a_sequence_has_no_rate_across_an_unreadable_image(
+    sky_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After an unreadable image of a sequence, the next image has no rate and the one after it has a rate."""
+    damaged, sky = tmp_path / "damaged.png", tmp_path / "sky.png"
+    damaged.write_bytes(b"text")
+    Image.fromarray(fits.getdata(sky_file).astype(np.uint8)).save(sky)
+    files = [str(sky), str(damaged), str(sky), str(sky)]
+    assert run_solve(*files, "--camera", "cubestar", "--sequence", "--interval", "1", "--json") == 2
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [record["outcome"] for record in records] == ["solved"] * 3
+    assert [record["rate"] is None for record in records] == [True, True, False]
+
+
 def test_a_sequence_is_tracked_and_reports_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The rate of a camera that rotates by 0.1°/s about its y axis is measured in a sequence of three images."""
     stars, profile, rng = propagate(load_stars(6.0), 2026.0), shipped_camera("cubestar"), np.random.default_rng(2)

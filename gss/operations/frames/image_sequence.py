@@ -65,7 +65,8 @@ class Sequencer:
     def solve(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
     ) -> tuple[SolveResult, RateRecord | None]:
-        """Return the result, and the rate since the previous image if both were solved and the interval is known."""
+        """Return the result, and the rate since the previous image if both were solved, the interval is known and the rotation
+        is below 172°."""
         if self._follow and request.chain in SYSTEMS:
             return self._as_on_board(solver, pixels, request, taken_at)
         hint = self._hint
@@ -73,14 +74,21 @@ class Sequencer:
             hint = BoundedPrior(self._before[0].cam_from_icrs, FOLLOW_RAD)
         result = solver.solve(pixels, replace(request, hint=hint))
         if self._follow and result.outcome is Outcome.NONE and hint is not None:
-            unhinted = solver.solve(pixels, replace(request, hint=None))
-            result = replace(unhinted, notes=(*unhinted.notes, "lost in earlier images, recovered without them"))
+            result = solver.solve(pixels, replace(request, hint=None))
+            if result.outcome is Outcome.SOLVED:
+                result = replace(result, notes=(*result.notes, "lost in earlier images, recovered without them"))
         rate = self._rate(result.attitude, taken_at)
         if rate is not None and result.turning is not None:
             result = replace(result, turning=with_sign_of(result.turning, np.radians(rate["deg_s"])))
         if self._follow:
             self._before = None if result.attitude is None else (result.attitude, taken_at)
         return result, rate
+
+    def skip(self) -> None:
+        """Continue after an image that could not be read or solved because of an error, as after an image without a solution."""
+        self._before = None
+        if self._system is not None:
+            self._system.skip()
 
     def _as_on_board(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
@@ -100,7 +108,10 @@ class Sequencer:
         interval_s = (taken_at - taken_before).total_seconds() if taken_at and taken_before else self._interval_s
         if interval_s is None or interval_s <= 0:
             return None
-        return rate_record(rate_between(before, attitude, interval_s))
+        try:
+            return rate_record(rate_between(before, attitude, interval_s))
+        except BadInput:  # the rotation is too large to determine its direction
+            return None
 
 
 def rate_record(rate: Rate) -> RateRecord:

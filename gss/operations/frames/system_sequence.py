@@ -60,6 +60,11 @@ class SystemSequencer:
             result = self._with_chained_attitude(result, solver, request)
         return result
 
+    def skip(self) -> None:
+        """Continue after an image that could not be read: its time passes, and no rotation is measured across it."""
+        self._frame += 1
+        self._before = self._last_rotation = None
+
     def _with_chained_attitude(self, result: SolveResult, solver: Solver, request: SolveRequest) -> SolveResult:
         """Return the result of FAR-MST. If it has no attitude, return the previous attitude chained with the rotation since the
         previous image. This rotation is also the expected rotation to the next image."""
