@@ -9,7 +9,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gss.domain.errors import BadInput
 from gss.domain.json_object import JsonObject
 from gss.operations.frames.file_optics import check_not_raw, fits_optics, picture_optics
+from gss.operations.frames.file_times import exif_time, fits_time
 
 MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
@@ -27,7 +28,6 @@ MAX_UNPACKED_BYTES = 4 * MAX_PIXELS
 MAX_TILES = 2 * MAX_SIDE_PX
 MAX_EXTENSIONS = 100
 MAX_EXPOSURE_S = 86_400.0
-FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX, ABSURD = 8, 1e30
 WITHOUT_ABERRATION = "without_aberration"
 """Key in ``source`` of a frame whose file states that the sky was rendered without aberration. Files of simulated
@@ -168,11 +168,7 @@ def _picture_meta(image: Any) -> JsonObject:
         seconds = inner.get(0x829A)
         if seconds and _is_plausible_s(float(seconds)):
             meta["exposure_s"] = float(seconds)
-        taken_at = inner.get(0x9003) or exif.get(0x0132)
-        if isinstance(taken_at, str):
-            meta["taken_at"] = _plausible(
-                datetime.strptime(taken_at.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
-            )
+        meta["taken_at"] = exif_time(exif, inner)
         meta |= picture_optics(exif, inner, image.size)
     except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
         pass  # a damaged EXIF block does not affect the pixels
@@ -278,13 +274,10 @@ def _fits_meta(header: Any) -> JsonObject:
         if isinstance(value, int | float) and _is_plausible_s(value):
             meta["exposure_s"] = float(value)
             break
-    taken_at = header.get("DATE-OBS")
-    if isinstance(taken_at, str) and taken_at:
-        try:
-            when = datetime.fromisoformat(taken_at.strip())
-            meta["taken_at"] = _plausible(when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC))
-        except (ValueError, OverflowError):
-            meta["date-obs"] = taken_at
+    try:
+        meta["taken_at"] = fits_time(header)
+    except ValueError:
+        meta["date-obs"] = header["DATE-OBS"]
     if header.get("GSSABERR") is False:
         meta[WITHOUT_ABERRATION] = "yes"
     for key in ("INSTRUME", "TELESCOP", "OBJECT"):
@@ -295,14 +288,6 @@ def _fits_meta(header: Any) -> JsonObject:
 
 def _is_plausible_s(exposure_s: float) -> bool:
     return 0 < exposure_s <= MAX_EXPOSURE_S
-
-
-def _plausible(moment: datetime) -> datetime:
-    """Return the time if its year is plausible for a photograph. Raises ValueError otherwise, the same error as for an
-    unreadable date."""
-    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
-        raise ValueError(f"no photograph was taken in {moment.year}")
-    return moment
 
 
 def _finished(array: NDArray[np.generic], meta: JsonObject, name: str) -> ImportedFrame:
