@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -129,6 +130,26 @@ def test_a_bank_is_prepared_again_for_a_replaced_package() -> None:
     assert prepared(replace(known, camera=known.camera.with_focal_scaled(1.01))) is not first
     other = prepared(known)
     assert prepared(replace(known, sensor=replace(known.sensor, faint_limit_mag=3.0))) is not other
+    service.stop()
+
+
+def test_two_replays_at_once_have_their_own_banks() -> None:
+    """If another replay prepares its bank at the same time, each replay has the bank of its frame."""
+    known = shipped_camera("sunsat")
+    chain = SimpleNamespace(name="sunsat", prepare=lambda bank, profile: bank)
+    shelf = Shelf(known, cast(Any, chain), {}, None, np.zeros((0, 2), np.intp), ())
+
+    class Interrupted(ReplayService):
+        """Service in which another replay runs immediately after the first bank was prepared."""
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            super().__setattr__(name, value)
+            if name == "_last_prepared" and value is not None and value[1] == "first":
+                self._prepared(shelf, "2", cast(Any, "second"))
+
+    service = Interrupted(*[cast(Any, None)] * 4, time.perf_counter)
+    assert service._prepared(shelf, "1", cast(Any, "first")) == "first"
+    assert service._prepared(shelf, "2", cast(Any, "second")) == "second"
     service.stop()
 
 

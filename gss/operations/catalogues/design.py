@@ -162,9 +162,10 @@ class DesignService:
     def document_rows(self) -> tuple[TradeRow, ...]:
         """Return the comparison rows of the documented cameras."""
         cameras = self._instruments.cameras()
-        if self._rows[0] != cameras:
-            self._rows = cameras, document_rows(cameras.values(), self.stars)
-        return self._rows[1]
+        last = self._rows  # read once, because another thread can replace it
+        if last[0] != cameras:
+            self._rows = last = cameras, document_rows(cameras.values(), self.stars)
+        return last[1]
 
     def quick(self, question: DesignQuestion) -> DesignValues:
         """Return the quick evaluation: fewer pointings and no lens trade."""

@@ -147,12 +147,13 @@ class ReplayService:
         """Return the bank in the form that the chain prepares. Only the last prepared bank is cached."""
         # Not by name, because a replaced package has the same one.
         key = (shelf.chain.name, shelf.profile.camera, shelf.profile.sensor, sha256, shelf.key)
-        if self._last_prepared is None or self._last_prepared[0] != key:
+        last = self._last_prepared  # read once, because replays run in several threads
+        if last is None or last[0] != key:
             prepared = shelf.chain.prepare(bank, shelf.profile)
             if shelf.triplets is not None and hasattr(prepared, "triplets"):
                 prepared = prepare_with_triplets(bank, shelf.profile, shelf.triplets)
-            self._last_prepared = key, prepared
-        return self._last_prepared[1]
+            self._last_prepared = last = key, prepared
+        return last[1]
 
 
 @dataclass(frozen=True)
