@@ -253,8 +253,9 @@ class TelemetryService:
             except BadInput as error:
                 if len(packets) == 1:
                     self._lose(packets[0], error)
-                for packet in packets if len(packets) > 1 else ():
-                    self._store([packet], batch)
+                else:
+                    for packet in packets:
+                        self._store([packet], batch)
                 return
             except StoreDown as error:
                 cause, self._try_at_s = str(error), batch.at_s + TRY_EVERY_S
