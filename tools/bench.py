@@ -34,6 +34,7 @@ from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
 from tools.bench_ingest import ingest  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
 from tools.bench_page import updated  # noqa: E402
+from tools.bench_profile import profiles  # noqa: E402
 from tools.bench_reprocess import reprocessing  # noqa: E402
 from tools.bench_tables import BenchTable, machine  # noqa: E402
 from tools.bench_tasks import page_tasks  # noqa: E402
@@ -44,6 +45,7 @@ SECTIONS: dict[str, Callable[[bool], list[BenchTable]]] = {
     "chain": chains,
     "lost_in_space": lost_in_space,
     "near_attitude": near_attitude,
+    "profile": profiles,
     "catalogue": catalogues,
     "packets": packets,
     "transfer": transfers,

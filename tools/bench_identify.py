@@ -61,7 +61,7 @@ def _near_table(optics: Optics, count: int) -> BenchTable:
         scenes = star_lists(sky, optics, count, disturbance, SEED + disturbance.false_stars)
         answers: list[tuple[float, Array | None]] = []
         for scene in scenes:
-            centroids = _centroids(scene, optics)
+            centroids = centroids_of(scene, optics)
             axis = rng.normal(size=3)
             prior = (
                 rotation_from_vector(axis / np.linalg.norm(axis) * PRIOR_OFF_RAD * rng.uniform()) @ scene.cam_from_icrs
@@ -152,7 +152,7 @@ def _angle_rad(a: Array, b: Array) -> float:
     return 2 * float(np.arcsin(min(1.0, float(np.linalg.norm(a - b)) / 2)))
 
 
-def _centroids(scene: CentroidList, optics: Optics) -> Centroids:
+def centroids_of(scene: CentroidList, optics: Optics) -> Centroids:
     centre = np.array([(optics.columns - 1) / 2, (optics.rows - 1) / 2])
     return Centroids.from_pixels(scene.offset_px + centre, 10 ** (-0.4 * scene.magnitude), NOISE_PX)
 
@@ -162,7 +162,7 @@ def _reference(sky: SkyCatalogue, optics: Optics) -> Solver:
     known_sky = reference.known_sky(sky, camera, optics.faint_mag)
 
     def solve(scene: CentroidList) -> tuple[float, Array | None]:
-        centroids = _centroids(scene, optics)
+        centroids = centroids_of(scene, optics)
         duration_ms, result = timed_ms(lambda: reference.solve_centroids(centroids, camera, known_sky))
         return duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]
 
@@ -176,7 +176,7 @@ def _replica(sky: SkyCatalogue, optics: Optics) -> Solver:
     parameters = cubestar.default_parameters(shipped_camera("cubestar"))
 
     def solve(scene: CentroidList) -> tuple[float, Array | None]:
-        centroids = _centroids(scene, optics)
+        centroids = centroids_of(scene, optics)
         duration_ms, result = timed_ms(lambda: cubestar.solve_centroids(centroids, camera, bank, parameters))
         return duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]
 
