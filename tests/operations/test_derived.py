@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
+import h5py
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 import pytest
 
 from gss.device.session_events import Telemetry
@@ -17,6 +22,8 @@ from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.derived import DerivedRequest
 from gss.operations.telemetry.derived_history import DerivedHistory
 from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.telemetry_export import export
+from gss.operations.upkeep.parquet_export import export_parquet
 
 DICTIONARY = load_dictionary()
 POWER = "housekeeping.supply_3v3_v * housekeeping.current_imager_ma / 1000"
@@ -157,6 +164,39 @@ def test_recomputation_uses_the_last_packet_of_a_kind_that_does_not_become_stale
     job = ground.history.recompute("rate", ground.clock() - timedelta(days=1), ground.clock(), user="ann")
     wait(ground, job.id)
     assert ground.plotted("rate") == before
+
+
+def exported(ground: Ground, key: str, file_format: str) -> bytes:
+    """Return the exported file of one field."""
+    span = ground.clock() - timedelta(hours=1), ground.clock() + timedelta(hours=1)
+    return b"".join(export(ground.telemetry.archive, [key], *span, form="converted", file_format=file_format))
+
+
+def test_exports_keep_the_values_of_an_earlier_type(ground: Ground, database: Any, tmp_path: Path) -> None:
+    """If a parameter changes from a number to yes/no, exports have the type of the new definition, and the numbers
+    unchanged: in CSV in the column itself, in Parquet and HDF5 as JSON in another column."""
+    expressions = ["housekeeping.supply_3v3_v", "housekeeping.supply_3v3_v > 3"]
+    ground.derived.add(request(expression=expressions[0]), user="ann")
+    ground.receive(supply_3v3_v=3.25)
+    ground.derived.change("power_w", request(expression=expressions[1]), user="ann")
+    ground.receive(supply_3v3_v=3.5)
+    key = "derived_power_w.power_w"
+    assert [line.split(b",")[-1] for line in exported(ground, key, "csv").split()] == [key.encode(), b"3.25", b"true"]
+    table = pq.read_table(io.BytesIO(exported(ground, key, "parquet")))
+    assert (table[key].to_pylist(), table["other_values"].to_pylist()) == ([None, True], [f'{{"{key}":3.25}}', None])
+    with h5py.File(io.BytesIO(exported(ground, key, "hdf5"))) as file:
+        group = file["derived_power_w"]
+        assert group["power_w"][:].tolist() == [-1, 1]
+        assert group["other_values"].asstr()[:].tolist() == [f'{{"{key}":3.25}}', ""]
+    export_parquet(database, ground.derived, tmp_path / "out")
+    table = ds.dataset(tmp_path / "out" / "telemetry" / "packet=derived_power_w", partitioning="hive").to_table()
+    assert (table["power_w"].to_pylist(), table["other_values"].to_pylist()) == (
+        [None, True],
+        ['{"power_w":3.25}', None],
+    )
+    ground.derived.change("power_w", request(expression=expressions[0]), user="ann")
+    table = pq.read_table(io.BytesIO(exported(ground, key, "parquet")))
+    assert (table[key].to_pylist(), table["other_values"].to_pylist()) == ([3.25, 1.0], [None, None])
 
 
 def test_invalid_definitions_are_rejected(ground: Ground) -> None:

@@ -27,11 +27,6 @@ class Column:
     packet: str
     field: Item | Group
 
-    @property
-    def is_bool(self) -> bool:
-        """True for a yes/no field, which a database without a boolean type returns as 1 and 0."""
-        return isinstance(self.field, Item) and self.field.type == "bool"
-
 
 @dataclass(frozen=True)
 class TelemetrySeries:
@@ -247,7 +242,7 @@ class Archive:
         for row in heapq.merge(*streams, key=lambda r: (r.received, r.id)):
             values: list[object] = [None] * len(columns)
             for k, value in zip(columns_of[row.packet], row.values, strict=True):
-                values[k] = bool(value) if value is not None and columns[k].is_bool else value
+                values[k] = value
             yield row, values
 
     def _checked(self, keys: Sequence[str], start: datetime, end: datetime) -> list[Column]:

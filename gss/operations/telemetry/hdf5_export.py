@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 from gss.domain.errors import StoreDown
 from gss.instruments.dictionary.definitions import Group, TelemetryField
 from gss.operations.telemetry.archive import Column
-from gss.operations.telemetry.value_format import kind
+from gss.operations.telemetry.value_format import OTHER_VALUES, column_type
 
 if TYPE_CHECKING:
     import h5py
@@ -27,13 +27,15 @@ LEADING = {
     "received": {"unit": "s", "title": "Unix time of reception, UTC"},
     "device_time_s": {"unit": "s", "title": "Time of the sensor's clock"},
     "contact": {"title": "Number of the contact, -1 without a contact"},
+    OTHER_VALUES: {"title": "JSON of the values that the type of their dataset cannot hold"},
 }
 UNKNOWN_BOOL, NO_CONTACT = -1, -1
 UNKNOWN_U64 = 2**64 - 1
 
 
 def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
-    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column.
+    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column, then
+    the JSON of other values.
     Numbers are float64, NaN if unknown; numbers of the type u64 are uint64, and an attribute states the value for unknown;
     yes/no is int8, -1 if unknown; other values are text, empty if unknown. The complete file is written to the disk before this
     function returns, because HDF5 completes the beginning of a file at the end. At most BLOCK_ROWS rows are in memory. Raises
@@ -89,7 +91,7 @@ class _PacketTable:
         self._kinds = [_kind(columns[k], form) for k in self._positions]
         self._size = 0
         for name, dataset_kind in zip(
-            [*LEADING, *self._names], ["number", "number", "contact", *self._kinds], strict=True
+            [*LEADING, *self._names], ["number", "number", "contact", "text", *self._kinds], strict=True
         ):
             self._create(name, dataset_kind)
         for name, attributes in LEADING.items():
@@ -123,6 +125,7 @@ class _PacketTable:
         self._write("received", start, [row[0].timestamp() for row in rows])
         self._write("device_time_s", start, [_number(row[1]) for row in rows])
         self._write("contact", start, [NO_CONTACT if row[2] is None else row[2] for row in rows])
+        self._write(OTHER_VALUES, start, [_value("text", row[-1]) for row in rows])
         for name, dataset_kind, k in zip(self._names, self._kinds, self._positions, strict=True):
             values = [row[4 + k] for row in rows]
             self._write(name, start, [_value(dataset_kind, value) for value in values])
@@ -142,14 +145,11 @@ def _kind(column: Column, form: str) -> str:
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return "text"
-    converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
-    if item.type == "u64" and (form == "raw" or not converted):
+    if item.type == "u64" and form == "raw":
         return "u64"
     if form == "raw" and item.type == "enum":
         return "number"
-    if kind(item) == "number":
-        return "number"
-    return "bool" if item.type == "bool" else "text"
+    return {"uint64": "u64", "bool": "bool", "string": "text"}.get(column_type(item), "number")
 
 
 def _value(dataset_kind: str, value: Any) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import chain, islice
@@ -15,7 +14,7 @@ from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, TelemetryField
 from gss.operations.telemetry.archive import Archive, Column
 from gss.operations.telemetry.hdf5_export import hdf5_file
-from gss.operations.telemetry.value_format import formatted, kind, raw_of
+from gss.operations.telemetry.value_format import OTHER_VALUES, column_type, formatted, json_text, raw_of, typed
 from gss.store.telemetry import Row
 
 FORMATS = {
@@ -34,16 +33,21 @@ def export(
     """Return the file in pieces; at most BLOCK_ROWS rows are in memory. Raises BadInput before the first piece.
 
     Columns: received (UTC), device_time_s, contact, packet, then one per key. ``form``: "converted" for stored
-    engineering values, "raw" for transmitted values, "formatted" for displayed text.
+    engineering values, "raw" for transmitted values, "formatted" for displayed text. Values that the type of their column
+    cannot hold, because their field had another definition, are unchanged in CSV; Parquet and HDF5 have them as JSON in the
+    column OTHER_VALUES.
     """
     for name, value, valid in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
         if value not in valid:
             raise BadInput(f"unknown {name}", expected=" | ".join(valid), got=value)
     columns, rows = archive.rows(keys, start, end)
-    shaped = (_shaped(columns, row, values, form) for row, values in rows)
-    if file_format == "hdf5":
-        return hdf5_file(columns, shaped, form)
-    pieces = _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)
+    if file_format == "csv":
+        pieces = _csv(columns, (_shaped(columns, row, values, form) for row, values in rows))
+    else:
+        typed_rows = (_typed_row(columns, row, values, form) for row, values in rows)
+        if file_format == "hdf5":
+            return hdf5_file(columns, typed_rows, form)
+        pieces = _parquet(columns, typed_rows, form)
     return chain([next(pieces)], pieces)  # if the first block fails, no response has been sent
 
 
@@ -52,13 +56,30 @@ def _shaped(columns: Sequence[Column], row: Row, values: Sequence[Any], form: st
     return [row.received, row.device_time_s, row.contact_id, row.packet, *cells]
 
 
+def _typed_row(columns: Sequence[Column], row: Row, values: Sequence[Any], form: str) -> list[Any]:
+    """Return a row with only the values that the types of the columns can hold, and a cell with the others as JSON."""
+    others = {}
+    if form != "formatted":
+        others = {
+            c.key: value
+            for c, value in zip(columns, values, strict=True)
+            if value is not None and not isinstance(c.field, Group) and typed(c.field, value) is None
+        }
+        values = [None if c.key in others else value for c, value in zip(columns, values, strict=True)]
+    return [*_shaped(columns, row, values, form), json_text(others) if others else None]
+
+
 def _in_form(column: Column, value: Any, form: str) -> Any:
+    if value is None:
+        return None
     if isinstance(column.field, Group):
-        return None if value is None else json.dumps(value, ensure_ascii=False, separators=(",", ":"))
-    if value is None or form == "converted":
-        return value
+        return json_text(value)
+    in_type = typed(column.field, value)
     if form == "raw":
-        return raw_of(column.field, value)
+        return raw_of(column.field, in_type)
+    value = value if in_type is None else in_type
+    if form == "converted":
+        return value
     return formatted(value, column.field.decimals if isinstance(column.field, TelemetryField) else 0)
 
 
@@ -118,6 +139,7 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
     leading = [pa.timestamp("us", tz="UTC"), pa.float64(), pa.int64(), pa.string()]
     fields = [pa.field(name, column_type) for name, column_type in zip(LEADING, leading, strict=True)]
     fields += [pa.field(c.key, _arrow_type(pa, c, form), metadata=_metadata(c)) for c in columns]
+    fields.append(pa.field(OTHER_VALUES, pa.string()))
     schema = pa.schema(fields)
     sink = _Pieces()
     with pq.ParquetWriter(sink, schema, compression="snappy") as writer:
@@ -134,13 +156,9 @@ def _arrow_type(pa: Any, column: Column, form: str) -> Any:
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return pa.string()
-    integer = pa.uint64() if item.type == "u64" else pa.int64()
     if form == "raw" and item.type in (*INTEGER_RANGES, "enum"):
-        return integer
-    converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
-    if kind(item) == "number":
-        return integer if item.type in INTEGER_RANGES and not converted else pa.float64()
-    return pa.bool_() if item.type == "bool" else pa.string()
+        return pa.uint64() if item.type == "u64" else pa.int64()
+    return pa.type_for_alias(column_type(item))
 
 
 def _metadata(column: Column) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from functools import lru_cache
@@ -13,7 +14,11 @@ from gss.device.protocol.codec import STRUCT
 from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Conversion, Item, TelemetryField
 
 UNKNOWN = "–"
+OTHER_VALUES = "other_values"
+"""Column of an export with the values that the types of their columns cannot hold, as JSON."""
 Kind = Literal["number", "enum", "bool", "text", "bytes"]
+ColumnType = Literal["int64", "uint64", "float64", "bool", "string"]
+INTEGER_COLUMNS = {"int64": (-(2**63), 2**63 - 1), "uint64": (0, 2**64 - 1)}
 PLAIN_TYPES = frozenset({int, bool, str})
 
 
@@ -26,6 +31,38 @@ def kind(field: Item) -> Kind:
     if field.type == "bool":
         return "bool"
     return "text" if field.type in ("str", "text") else "bytes"
+
+
+def column_type(field: Item) -> ColumnType:
+    """Return the type of a field's engineering values in a table, by its name in Arrow. It does not depend on the values, so
+    that files of different days can be read together."""
+    if kind(field) == "number":
+        converted = isinstance(field, TelemetryField) and bool(field.conversion.coefficients)
+        if field.type not in INTEGER_RANGES or converted:
+            return "float64"
+        return "uint64" if field.type == "u64" else "int64"
+    return "bool" if field.type == "bool" else "string"
+
+
+def typed(field: Item, value: Any) -> Any:
+    """Return a stored value in the type of its field's column, yes as 1 among numbers. None if the type cannot hold the
+    value, which was stored when the field had another definition."""
+    column = column_type(field)
+    if column == "string":
+        return value if isinstance(value, str) else None
+    if column == "bool":
+        return bool(value) if isinstance(value, int) and value in (0, 1) else None
+    if not isinstance(value, int | float):
+        return None
+    if column == "float64":
+        return float(value) if float(value) == value else None
+    low, high = INTEGER_COLUMNS[column]
+    return int(value) if low <= value <= high and value == int(value) else None
+
+
+def json_text(value: Any) -> str:
+    """Return compact JSON for a column of an export."""
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
 def plain(value: Any) -> Any:

@@ -19,11 +19,11 @@ from pyarrow import parquet as pq
 from gss import __version__
 from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
-from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, Item, TelemetryField
+from gss.instruments.dictionary.definitions import Group, Item, TelemetryField
 from gss.operations.frames.solution_export import SCHEMA as SOLUTIONS
 from gss.operations.frames.solution_export import as_row
 from gss.operations.telemetry.field_definitions import TelemetryDefinitions
-from gss.operations.telemetry.value_format import kind
+from gss.operations.telemetry.value_format import OTHER_VALUES, column_type, json_text, typed
 from gss.store import exports as store
 from gss.store.engine import Database
 
@@ -157,8 +157,9 @@ def _tables(database: Database, dictionary: TelemetryDefinitions, start: datetim
             continue  # a packet with another name must not become a folder
         items = list(packets[name].fields) if name in packets else None
         schema = LEADING if items is None else pa.unify_schemas([LEADING, pa.schema([_field(i) for i in items])])
-        if items is None:  # the ground's line counters are not in the device's dictionary
-            schema = schema.append(pa.field("values", pa.string(), metadata={"json": "yes"}))
+        # The ground's line counters are not in the device's dictionary.
+        text_column = "values" if items is None else OTHER_VALUES
+        schema = schema.append(pa.field(text_column, pa.string(), metadata={"json": "yes"}))
         blocks = ([_packet(row, items) for row in block] for block in store.telemetry(database, name, start, end))
         yield _Table(f"telemetry/packet={name}", schema, blocks)
     solved = pa.schema([f.with_metadata({"unit": _unit(f.name)}) if _unit(f.name) else f for f in SOLUTIONS])
@@ -213,22 +214,31 @@ def _field(item: Item | Group) -> pa.Field:
 
 
 def _type(item: Item) -> pa.DataType:
-    """Return the type of a column. It does not depend on the values, so that the files of all days can be read
-    together."""
-    converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
-    if kind(item) == "number":
-        integer = pa.uint64() if item.type == "u64" else pa.int64()
-        return integer if item.type in INTEGER_RANGES and not converted else pa.float64()
-    return pa.bool_() if item.type == "bool" else pa.string()
+    return pa.type_for_alias(column_type(item))
 
 
 def _packet(row: Any, items: list[Item | Group] | None) -> tuple[datetime, dict[str, object]]:
     received, row_id, contact_id, device_time_s, request_id, values = row
     columns = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s}
-    values_by_name = (
-        {"values": _json(values)} if items is None else {item.name: values.get(item.name) for item in items}
-    )
+    values_by_name: dict[str, object] = {}
+    if items is None:
+        values_by_name["values"] = json_text(values)
+    else:
+        values_by_name = {item.name: _in_type(item, values.get(item.name)) for item in items}
+        others = {n: value for n, value in values.items() if value is not None and values_by_name.get(n) is None}
+        values_by_name[OTHER_VALUES] = json_text(others) if others else None
     return received, columns | {"request_id": request_id} | values_by_name
+
+
+def _in_type(item: Item | Group, value: Any) -> Any:
+    """Return a value that its column can hold; None for another value."""
+    if not isinstance(item, Group):
+        return typed(item, value)
+    if not isinstance(value, list):
+        return None
+    rows = [{i.name: typed(i, row.get(i.name)) for i in item.items} for row in value]
+    held = all(new[n] is not None or old.get(n) is None for new, old in zip(rows, value, strict=True) for n in new)
+    return rows if held else None
 
 
 def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[str, object]]]:
@@ -240,15 +250,11 @@ def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[st
 def _command(row: Any) -> dict[str, object]:
     record = {name: getattr(row, name) for name in COMMANDS.names if name not in ("arguments", "values", "stages")}
     stages = [{"stage": s.stage, "at": s.at, "detail": s.detail} for s in row.stages]
-    return record | {"arguments": _json(row.arguments), "values": _json(row.values), "stages": stages}
+    return record | {"arguments": json_text(row.arguments), "values": json_text(row.values), "stages": stages}
 
 
 def _event(row: Any) -> dict[str, object]:
-    return {name: getattr(row, name) for name in EVENTS.names if name != "data"} | {"data": _json(row.data)}
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+    return {name: getattr(row, name) for name in EVENTS.names if name != "data"} | {"data": json_text(row.data)}
 
 
 # --- metadata and README ----------------------------------------------------------------------------------------------
@@ -283,7 +289,7 @@ def _readme(tables: Iterable[str]) -> str:
         "# Export of a GSS store",
         "Parquet in hive-style folders, one file per table and UTC day. Columns, types and units: `schema.json`, and each column's "
         "metadata. Times are UTC. Telemetry is in engineering values; choices are text; lists are lists of records; JSON "
-        "columns are text.",
+        "columns are text. `other_values` has the values of fields that had another type or no longer exist.",
         "\n".join(f"- `{name}/day=YYYY-MM-DD/part-0.parquet`" for name in tables),
         f"```sql\n{DUCKDB}\n```",
         f"```python\n{PYTHON}\n```",
