@@ -147,7 +147,8 @@ class Settings(BaseSettings):
     disk_stop_mb: int = Field(
         default=256,
         ge=0,
-        description="Free space in MB below which imports, downloads, builds and backups are rejected.",
+        description="Free space in MB below which imports, downloads and builds are rejected, and backups if it is the disk of "
+        "their folder.",
     )
     retention_pause_days: float = Field(
         default=30,

@@ -134,7 +134,6 @@ def backup(arguments: argparse.Namespace) -> int:
     with private_files():
         services = services_of(arguments, arguments.to)
         service = services.upkeep.backups
-        services.base.disk.check("a backup", service.needed_bytes())
         manifest = service.make(_show_progress)
     removed = service.prune(arguments.keep, manifest.name) if arguments.keep else []
     doubt = services.base.trust.state().doubt

@@ -17,8 +17,9 @@ KINDS = (
 )
 """Kinds of jobs that can run again with only their stored request. The service that runs the jobs of a kind registers
 the kind."""
-ALWAYS = ("retention", "check-store")
-"""Kinds of jobs that are accepted even if the disk is nearly full, because these jobs free space or only read."""
+ALWAYS = ("retention", "check-store", "backup")
+"""Kinds of jobs that are accepted even if the disk of the data is nearly full, because these jobs free space, only read, or
+check another disk."""
 PERMISSIONS = {
     "experiments": "campaigns",
     "campaign": "campaigns",

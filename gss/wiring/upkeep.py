@@ -15,7 +15,7 @@ from gss.operations.upkeep.audit_watch import AuditWatch
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.check_store import CheckStoreService
 from gss.operations.upkeep.clocks import ClockWatch
-from gss.operations.upkeep.disk import DiskWatch
+from gss.operations.upkeep.disk import BackupDisk, DiskWatch
 from gss.operations.upkeep.forecast import ForecastService
 from gss.operations.upkeep.installation_health import HealthService
 from gss.operations.upkeep.page_check import PageCheck
@@ -81,7 +81,7 @@ def open_upkeep(
         settings.instruments_folder,
         folder,
         base.upkeep_lock,
-        disk,
+        BackupDisk(folder, disk.watch_bytes, disk.stop_bytes),
         jobs,
         bus,
         utc_now,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 import tarfile
 import time
 
@@ -96,6 +97,24 @@ def test_a_backup_is_made_listed_and_downloaded(client):
         assert client.get(f"/api/admin/backups/{name}/file").status_code in (400, 404)
     health = {check["name"]: check for check in client.get("/api/admin/health").json()["checks"]}
     assert health["backup"]["state"] == "ok"
+
+
+def test_a_backup_needs_space_on_the_disk_of_the_backups(client, monkeypatch):
+    """A backup is created if only the disk of the data is full. It is rejected if the disk of the backups is full, and health
+    reports this disk.
+    """
+    folder = client.app.state.services.upkeep.backups.folder
+    folder.mkdir(exist_ok=True)
+    usage_of, full = shutil.disk_usage, []
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage_of(path)._replace(free=0 if path in full else 1 << 40))
+    full[:] = [folder.parent]
+    assert wait_for_job(client, client.post("/api/admin/backups"))["state"] == "done"
+    full[:] = [folder]
+    refused = client.post("/api/admin/backups")
+    assert (refused.status_code, "disk of the backups is nearly full" in refused.json()["message"]) == (503, True)
+    health = {check["name"]: check for check in client.get("/api/admin/health").json()["checks"]}
+    assert (health["disk"]["state"], health["backup"]["state"]) == ("ok", "critical")
+    assert "disk of the backups: 0 MB" in health["backup"]["text"]
 
 
 def test_the_store_is_checked_as_a_job(client):

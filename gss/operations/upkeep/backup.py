@@ -38,7 +38,7 @@ from gss.operations.upkeep.backup_manifest import (
     sha256_of,
 )
 from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
-from gss.operations.upkeep.disk import DiskGuard
+from gss.operations.upkeep.disk import BackupDisk
 from gss.operations.upkeep.retention_policy import stored_policy
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
@@ -71,7 +71,7 @@ class BackupService:
         packages: Path,
         folder: Path,
         lock: Path,
-        disk: DiskGuard,
+        disk: BackupDisk,
         jobs: JobService,
         bus: EventBus,
         now: Now,
@@ -80,7 +80,7 @@ class BackupService:
         self._trust = trust
         self._database, self._url, self._blobs = database, url, blobs
         self._captures, self._packages = captures, packages
-        self._folder, self._lock, self._disk = folder, lock, disk
+        self._folder, self._lock, self.disk = folder, lock, disk
         self._jobs, self._bus, self._now = jobs, bus, now
         jobs.register(JobKind("backup", BackupJob, self._job, renewed=self._renewed))
 
@@ -91,7 +91,7 @@ class BackupService:
 
     def start(self, *, keep: int = 0, user: str) -> Job:
         """Start a backup as a job. ``keep``: number of latest backups to keep afterwards, 0: all."""
-        self._disk.check("a backup", self.needed_bytes())
+        self._check_room()
         return self._jobs.begin("backup", "backup", BackupJob(keep, user=user))
 
     def _renewed(self, request: BackupJob) -> BackupJob:
@@ -107,19 +107,20 @@ class BackupService:
         self._bus.record("upkeep", "ok", f"{request.user} created backup {backup.name}", **result)
         return result | {"removed": removed}
 
-    def needed_bytes(self) -> int:
-        """Estimate the bytes that the next backup will write. Only the size of the database is used, because the size
-        of new blobs is not known in advance."""
+    def _check_room(self) -> None:
+        """Raise StoreDown if the disk has no room for the database. The size of new blobs is not known in advance."""
         with self._database.unit_of_work() as session:
-            return store.database_bytes(session)
+            needed_bytes = store.database_bytes(session)
+        self.disk.check("a backup", needed_bytes)
 
     def make(self, progress: Progress = no_progress) -> Manifest:
         """Create a backup now. The database is copied before the blobs that it references, because blobs are stored
-        before their rows."""
+        before their rows. Raises StoreDown if the disk is too full."""
         self._folder.mkdir(parents=True, exist_ok=True)
         with named_lock(self._lock, BUSY):
             for unfinished in self._folder.glob(f"*{UNFINISHED}"):
                 shutil.rmtree(unfinished)
+            self._check_room()
             at = self._now()
             name = self._unused_name(at)
             draft = self._folder / f"{name}{UNFINISHED}"
@@ -191,7 +192,7 @@ class BackupService:
                 self._bus.record(
                     "upkeep", "warning", f"File {key[:12]}… was damaged in the backups and has been copied again"
                 )
-        self._disk.check("a backup")
+        self.disk.check("a backup")
         try:
             data = self._blobs.get(key)
         except (NotFound, CorruptData) as error:

@@ -1,8 +1,8 @@
 """Disk space: large writes are rejected before the disk is full, so no file is left incomplete.
 
-Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter
-of ``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still
-contains it.
+Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads and builds are rejected. Below a quarter of ``stop``
+decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still contains it.
+Backups are rejected if the disk of their folder has less space than ``stop``.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ Usage = Callable[[Path], tuple[int, int]]
 
 
 def usage_of(folder: Path) -> tuple[int, int]:
-    """Return (free, total) bytes of a folder's file system, as available without privileges."""
-    usage = shutil.disk_usage(folder)
+    """Return (free, total) bytes of a folder's file system, as available without privileges. The folder need not exist."""
+    usage = shutil.disk_usage(next(path for path in (folder, *folder.parents) if path.exists()))
     return usage.free, usage.total
 
 
@@ -46,6 +46,10 @@ class DiskState:
 class DiskGuard:
     """Checks the disk space before large writes."""
 
+    name = "disk"
+    stopped = "imports, downloads and backups to this disk"
+    hint = "free space, or let retention remove old pixels (Admin, Storage)"
+
     def __init__(self, folder: Path, watch_bytes: int, stop_bytes: int, usage: Usage = usage_of) -> None:
         self.folder, self.watch_bytes, self.stop_bytes = folder, watch_bytes, stop_bytes
         self._usage = usage
@@ -55,7 +59,7 @@ class DiskGuard:
         free, total = self._usage(self.folder)
         text = f"{megabytes(free)} of {megabytes(total)} free"
         if free < self.stop_bytes:
-            return DiskState(free, total, State.CRITICAL, f"{text}: imports, downloads and backups are stopped")
+            return DiskState(free, total, State.CRITICAL, f"{text}: {self.stopped} are stopped")
         level = State.WARNING if free < self.watch_bytes else State.OK
         return DiskState(free, total, level, text)
 
@@ -65,16 +69,24 @@ class DiskGuard:
         free, _ = self._usage(self.folder)
         if free - needed_bytes < self.stop_bytes:
             raise StoreDown(
-                f"the disk is nearly full: no room for {purpose}",
+                f"the {self.name} is nearly full: no room for {purpose}",
                 expected=f"at least {megabytes(self.stop_bytes + needed_bytes)} free",
                 got=megabytes(free),
-                hint="free space, or let retention remove old pixels (Admin, Storage)",
+                hint=self.hint,
             )
 
     def has_room_for_rows(self) -> bool:
         """True if there is enough space for decoded telemetry. The last space is reserved for captures, commands and
         alarms."""
         return self._usage(self.folder)[0] >= self.stop_bytes // LAST_SHARE
+
+
+class BackupDisk(DiskGuard):
+    """Checks the disk of the backups, which can be separate from the disk of the data."""
+
+    name = "disk of the backups"
+    stopped = "backups"
+    hint = "free space, keep fewer backups (Admin, Backup), or set GSS_BACKUPS to a larger disk"
 
 
 class DiskWatch:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gss import __version__
 from gss.domain.errors import GssError
-from gss.domain.limits import ORDER, State
+from gss.domain.limits import ORDER, State, worst
 from gss.operations.clock import Monotonic, Now
 from gss.operations.frames.frames import FrameService
 from gss.operations.frames.loop_compiler import LoopCompiler
@@ -199,11 +199,16 @@ class HealthService:
         return HealthCheck("clock", state, jump_s, f"jumped by {jump_s:+.1f} s")
 
     def _backup_check(self) -> HealthCheck:
-        at = self._backups.newest_at()
+        at, room = self._backups.newest_at(), self._backups.disk.look()
         if at is None:
-            return HealthCheck("backup", "watch", None, "There is no backup. Run gss backup, or use Admin, Backup.")
-        days = (self._now() - at).total_seconds() / 86400
-        return HealthCheck("backup", "watch" if days > OLD_BACKUP_DAYS else "ok", days, f"{days:.1f} days old")
+            days, text = None, "There is no backup. Run gss backup, or use Admin, Backup."
+        else:
+            days = (self._now() - at).total_seconds() / 86400
+            text = f"{days:.1f} days old"
+        age = State.WATCH if days is None or days > OLD_BACKUP_DAYS else State.OK
+        if room.level is not State.OK:
+            text += f"; {self._backups.disk.name}: {room.text}"
+        return HealthCheck("backup", worst((age, room.level)).value, days, text)
 
     def _memory_check(self) -> HealthCheck:
         current_bytes, peak_bytes = memory_bytes()

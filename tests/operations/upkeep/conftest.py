@@ -21,7 +21,7 @@ from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import RECEIVED
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.clock_trust import ClockTrust
-from gss.operations.upkeep.disk import DiskGuard
+from gss.operations.upkeep.disk import BackupDisk, DiskGuard
 from gss.operations.upkeep.retention import RetentionService
 from gss.store import devices, frames, telemetry
 from gss.store.blobs import BlobStore
@@ -131,12 +131,16 @@ def store(database, bus, clock, tmp_path) -> Iterator[UpkeepStore]:
         LineEventQueue(clock, lambda: 0.0),
     )
     room, lock = [100_000 * MB], tmp_path / "upkeep.lock"
-    disk = DiskGuard(tmp_path, 2000 * MB, 200 * MB, lambda _: (room[0], 200_000 * MB))
+    disk, backup_disk = (
+        guard(tmp_path, 2000 * MB, 200 * MB, lambda _: (room[0], 200_000 * MB)) for guard in (DiskGuard, BackupDisk)
+    )
     trust = ClockTrust(database, bus, clock, timedelta(days=30))
     trust.start()
     retention = RetentionService(database, blobs, jobs, bus, link, lock, clock, trust, 0.2)
     url = f"sqlite:///{tmp_path / 'gss.db'}"
     captures, packages, folder = tmp_path / "captures", tmp_path / "instruments", tmp_path / "backups"
-    backups = BackupService(database, url, blobs, captures, packages, folder, lock, disk, jobs, bus, clock, trust)
+    backups = BackupService(
+        database, url, blobs, captures, packages, folder, lock, backup_disk, jobs, bus, clock, trust
+    )
     yield UpkeepStore(tmp_path, database, blobs, jobs, retention, backups, link, disk, clock, room, trust)
     jobs.stop()
