@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli.whole_files import write_whole
+
 if TYPE_CHECKING:
     from gss.cli import Commands
 
@@ -43,7 +45,7 @@ def export_attitudes(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         print(text, end="")
     else:
-        arguments.out.write_text(text, "utf-8")
+        write_whole(arguments.out, text.encode())
         print(f"{arguments.out}: {len(text)} bytes", file=sys.stderr)
     return 0
 

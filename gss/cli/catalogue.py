@@ -20,10 +20,11 @@ from gss.catalogue_tools.onboard import FORMATS
 from gss.catalogue_tools.request import METHODS
 from gss.catalogue_tools.selection.selection import THINNINGS
 from gss.cli import catalogue_files, catalogue_sky, catalogue_upload
-from gss.cli.catalogue_files import print_facts, write_file
+from gss.cli.catalogue_files import print_facts
 from gss.cli.input_files import TLE_BYTES, read_limited
 from gss.cli.instruments import CAMERA_HELP, registry
 from gss.cli.instruments import camera as camera_named
+from gss.cli.whole_files import write_whole
 from gss.domain.errors import BadInput
 from gss.operations.catalogues.catalogue_request import CatalogueRequest, build_request
 from gss.operations.clock import utc_now
@@ -126,8 +127,8 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = utc_n
         request = replace(request, bank_bytes=registry().bank_bytes(request.profile_name))
     built = build(request, catalogue_sky.source_of(arguments, request))
     if arguments.out is not None:
-        write_file(arguments.out, built.image)
-        write_file(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
+        write_whole(arguments.out, built.image)
+        write_whole(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
     if arguments.report is not None:
         catalogue_files.write_report(arguments.report, built)
     funnel = {step.label: -step.stars if step.dropped else step.stars for step in built.selection.funnel}

@@ -18,6 +18,7 @@ from gss.catalogue_tools.manifest import BuildManifest, check_image, manifest_of
 from gss.catalogue_tools.onboard import decode
 from gss.cli.input_files import IMAGE_BYTES, TABLE_FILE_BYTES, TEXT_BYTES, read_limited
 from gss.cli.instruments import camera
+from gss.cli.whole_files import write_whole
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
 from gss.skytables.bank import OnboardCatalogue
@@ -149,7 +150,7 @@ def run_stars(arguments: argparse.Namespace) -> int:
     if arguments.epoch is not None:
         stars = propagate(stars, arguments.epoch)
     content = write_star_list(stars, kind_of(arguments.out.name))
-    write_file(arguments.out, content)
+    write_whole(arguments.out, content)
     print_facts({"file": str(arguments.out), "stars": len(stars), "epoch_jyear": stars.epoch_jyear}, arguments.json)
     return 0
 
@@ -160,7 +161,7 @@ def run_export(arguments: argparse.Namespace) -> int:
 
     image, manifest, _ = _read(arguments, arguments.image)
     exported = export_file(image, manifest.as_dict(), arguments.kind, manifest.name)
-    write_file(arguments.out, exported.content)
+    write_whole(arguments.out, exported.content)
     if arguments.json:
         print_facts({"file": str(arguments.out), "kind": arguments.kind, "bytes": len(exported.content)}, True)
     return 0
@@ -175,7 +176,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     name = arguments.file.name
     with ParseProcesses() as parsing:
         image = parsing.parse(import_file, _bytes(arguments.file, TABLE_FILE_BYTES), name, subject=name)
-    write_file(arguments.out, image)
+    write_whole(arguments.out, image)
     header = read_header(image)
     facts = {"profile": header.profile_name, "format": header.format_name, "stars": header.stars, "bytes": len(image)}
     print_facts(facts, arguments.json)
@@ -256,7 +257,7 @@ def _write_sheet(path: Path, sheet: Report) -> None:
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
 
-    write_file(path, as_pdf(sheet, utc_now()) if path.suffix == ".pdf" else as_html(sheet).encode())
+    write_whole(path, as_pdf(sheet, utc_now()) if path.suffix == ".pdf" else as_html(sheet).encode())
 
 
 def _read(arguments: argparse.Namespace, catalogue: str) -> tuple[bytes, BuildManifest, dict[str, object] | None]:
@@ -301,11 +302,3 @@ def print_facts(facts: Mapping[str, object], as_json: bool) -> None:
         return
     width = max(map(len, facts))
     print("\n".join(f"{name:<{width}}  {'-' if value in (None, '') else value}" for name, value in facts.items()))
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file. Raises BadInput if that fails."""
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise BadInput("the file cannot be written", got=f"{path}: {error}") from None

@@ -13,6 +13,7 @@ from gss.catalogue_tools.design.camera import LIMITS, WHOLE_NUMBERS, DesignCamer
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.cli.instruments import CAMERA_HELP, camera, registry
+from gss.cli.whole_files import write_whole
 from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
@@ -81,13 +82,13 @@ def run(arguments: argparse.Namespace) -> int:
         from gss.operations.catalogues.design_sheet import design_sheet
         from gss.operations.report.html import as_html
 
-        arguments.html.write_text(as_html(design_sheet(record)), "utf-8")
+        write_whole(arguments.html, as_html(design_sheet(record)).encode())
     if arguments.sheet is not None:
         from gss.operations.clock import utc_now
         from gss.operations.studies.design_performance import sheet_file, sheet_of_design
 
         sheet = sheet_of_design(question, base, stars)
-        arguments.sheet.write_bytes(sheet_file(sheet, arguments.sheet.suffix.removeprefix("."), utc_now()))
+        write_whole(arguments.sheet, sheet_file(sheet, arguments.sheet.suffix.removeprefix("."), utc_now()))
     if arguments.json:
         print(json.dumps(record, allow_nan=False))
     else:

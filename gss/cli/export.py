@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli import export_commands, export_rerun, export_tables, instruments, records
+from gss.cli.whole_files import write_whole
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -73,7 +74,7 @@ def export_solutions(arguments: argparse.Namespace) -> int:
 
     services = services_of(arguments)
     data = solution_export.export_solutions(services.base.database, arguments.format, arguments.chain)
-    arguments.out.write_bytes(data)
+    write_whole(arguments.out, data)
     print(f"{arguments.out}: {len(data)} bytes")
     return 0
 
@@ -92,7 +93,7 @@ def export_fits(arguments: argparse.Namespace) -> int:
             print(f"Frame {frame_id} has missing rows and was skipped", file=sys.stderr)
             continue
         data = fits_file(services.frames.frames.picture(detail.frame), detail.frame, detail.ground)
-        (arguments.out / f"frame-{frame_id}.fits").write_bytes(data)
+        write_whole(arguments.out / f"frame-{frame_id}.fits", data)
         written += 1
     print(f"{arguments.out}: {written} files")
     return 0
@@ -119,7 +120,7 @@ def export_cosmos(arguments: argparse.Namespace) -> int:
     files = cosmos_files(instruments.chosen(arguments), arguments.target)
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
-        (arguments.out / name).write_text(text)
+        write_whole(arguments.out / name, text.encode())
     print(f"{arguments.out}: {', '.join(files)}")
     return 0
 
@@ -142,5 +143,5 @@ def _write(text: str, out: Path | None) -> int:
     if out is None:
         print(text, end="")
     else:
-        out.write_text(text)
+        write_whole(out, text.encode())
     return 0

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli.whole_files import write_whole
+
 if TYPE_CHECKING:
     from gss.cli import Subparsers
 
@@ -44,6 +46,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         scope = scopes.of_campaign(arguments.campaign)
     data = services.recordings.stored.write(scope)
-    arguments.out.write_bytes(data)
+    write_whole(arguments.out, data)
     print(f"{arguments.out}: {len(data)} bytes, {len(scope.frame_ids)} frames")
     return 0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from gss.cli import new_instrument
 from gss.cli.instruments import registry
+from gss.cli.whole_files import write_whole
 from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def run_export(arguments: argparse.Namespace) -> int:
     instrument = registry(arguments.data).get(arguments.name)
     out = arguments.out or Path(f"{instrument.name}.zip")
     files = _with_xtce(instrument) if arguments.xtce else instrument.files
-    out.write_bytes(write_zip(instrument.name, files))
+    write_whole(out, write_zip(instrument.name, files))
     print(out)
     return 0
 

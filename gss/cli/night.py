@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from gss.cli.input_files import read_limited
 from gss.cli.instruments import CAMERA_HELP, camera, registry
+from gss.cli.whole_files import write_whole
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
@@ -266,10 +267,7 @@ def write_report(
             ".pdf": lambda: as_pdf(report, utc_now()),
             **(extra_files or {}),
         }
-        try:
-            arguments.out.write_bytes(writers[arguments.out.suffix]())
-        except OSError as error:
-            raise BadInput("the file cannot be written", got=f"{arguments.out}: {error.strerror}") from None
+        write_whole(arguments.out, writers[arguments.out.suffix]())
     print(content_json if arguments.json else as_text(report))
 
 

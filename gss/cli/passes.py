@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli.whole_files import write_whole
+
 if TYPE_CHECKING:
     from gss.api.schemas.passes import MaskPoint, SpacecraftOut
     from gss.cli import Commands
@@ -101,7 +103,7 @@ def write_calendar(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         sys.stdout.buffer.write(data)
     else:
-        arguments.out.write_bytes(data)
+        write_whole(arguments.out, data)
     return 0
 
 

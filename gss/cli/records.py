@@ -10,6 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli.whole_files import write_pieces, write_whole
+
 if TYPE_CHECKING:
     from gss.api.schemas.contacts import RecordOut
     from gss.wiring.services import Services
@@ -88,7 +90,6 @@ def parse_time(text: str) -> datetime:
 
 def export_telemetry(arguments: argparse.Namespace) -> int:
     """Write the telemetry file, one block at a time."""
-    from gss.cli.whole_files import write_pieces
     from gss.domain.errors import BadInput
     from gss.operations.telemetry.telemetry_export import export
 
@@ -135,7 +136,7 @@ def export_report(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         sys.stdout.buffer.write(data)
     else:
-        arguments.out.write_bytes(data)
+        write_whole(arguments.out, data)
     return 0
 
 

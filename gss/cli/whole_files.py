@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,11 +26,19 @@ def write_pieces(path: Path, pieces: Iterable[str | bytes]) -> int:
 
 @contextmanager
 def _part_of(path: Path) -> Iterator[Path]:
-    """Return a new file beside ``path``, which replaces it at the end of the block."""
+    """Return a new file beside ``path``, which replaces it at the end of the block with the same permissions. Return ``path``
+    if it is a device or a pipe, for example /dev/stdout. A symbolic link is kept."""
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    path = path.resolve()
     if not path.parent.is_dir():
         raise BadInput("the folder of the output does not exist", expected="an existing folder", got=str(path.parent))
     part = path.with_name(path.name + ".part")
     try:
+        part.touch()
+        if path.exists():
+            shutil.copymode(path, part)
         yield part
         part.replace(path)
     finally:

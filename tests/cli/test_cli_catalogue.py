@@ -125,7 +125,7 @@ def test_camera_held_still(capsys):
         ("--from yesterday", BadInput, "the start is not a date"),
         ("--mag-limit 9", BadInput, "does not reach this magnitude limit"),
         ("--mag-limit 6", BadInput, "too large for the bank"),
-        ("--out /no/such/folder/file", BadInput, "cannot be written"),
+        ("--out /no/such/folder/file", BadInput, "folder of the output does not exist"),
     ],
 )
 def test_bad_input_has_a_clear_message(arguments, error, words):

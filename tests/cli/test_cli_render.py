@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import resource
 from pathlib import Path
 
@@ -10,7 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gss import cli
 from gss.cli import main
+from gss.cli.whole_files import write_whole
 from gss.instruments.registry import shipped_registry
 
 
@@ -92,3 +96,27 @@ def test_a_failed_write_leaves_the_existing_file(tmp_path: Path, capsys: pytest.
     assert list(tmp_path.iterdir()) == [out]
     assert main([*command, str(tmp_path / "missing" / "sky.png")]) == 2
     assert "Expected an existing folder" in capsys.readouterr().err
+
+
+def test_every_output_file_is_written_whole() -> None:
+    """Commands write files with the functions of whole_files.py only, so that no incomplete file has the final name."""
+    folder = Path(cli.__file__).parent
+    direct = re.compile(r"\.write_(?:text|bytes)\(|open\([^)]*[\"'][wax]")
+    files = [path.name for path in folder.glob("*.py") if direct.search(path.read_text("utf-8"))]
+    assert files == ["whole_files.py"]
+
+
+def test_a_replaced_file_keeps_its_permissions_links_and_pipes(tmp_path: Path) -> None:
+    """A replaced file keeps its permissions, a symbolic link still refers to it, and a pipe is not replaced."""
+    file, link = tmp_path / "private", tmp_path / "link"
+    file.write_bytes(b"old")
+    file.chmod(0o600)
+    link.symlink_to(file)
+    write_whole(link, b"new")
+    assert (file.read_bytes(), file.stat().st_mode & 0o777, link.is_symlink()) == (b"new", 0o600, True)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_whole(pipe, b"new")
+    assert (os.read(reader, 9), pipe.is_fifo()) == (b"new", True)
+    os.close(reader)
