@@ -142,6 +142,7 @@ def _stored(services: Services, setup: SpacecraftSetup) -> HeadsOut:
     text = (
         "No comparison is stored." if fused is None else f"Latest stored comparison: {fused.at:%Y-%m-%d %H:%M:%S} UTC."
     )
+    text = setup.problem or text
     return heads(setup, None, [head.unit for head in setup.heads], alarms).model_copy(
         update={
             "text": text,

@@ -60,6 +60,21 @@ def test_a_spacecraft_is_stored_and_its_unknown_state_is_shown(client: TestClien
     assert client.get(PATH).json() == []
 
 
+def test_a_damaged_spacecraft_is_shown_with_the_reason(client: TestClient, tmp_path: Path, capsys: Any) -> None:
+    """A damaged spacecraft is listed with the reason, also in the shell, and can be deleted."""
+    spacecraft_id = client.post(PATH, json=SAT).json()["id"]
+    client.post(PATH, json=SAT | {"name": "TWO", "heads": [{"unit": "C", "mounting_deg": [0.0, 0.0, 0.0]}]})
+    with client.app.state.services.base.database.engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE spacecraft SET heads = '[{' WHERE id = ?", (spacecraft_id,))
+    damaged, other = client.get(PATH).json()
+    assert (damaged["name"], damaged["state"], damaged["heads"]) == ("SAT", "warning", [])
+    assert "is damaged: heads" in damaged["text"]
+    assert (other["name"], len(other["heads"])) == ("TWO", 1)
+    assert main(["heads", "list", "--data", str(tmp_path)]) == 0
+    assert "SAT: attitudes on board. The stored spacecraft is damaged" in capsys.readouterr().out
+    assert client.delete(f"{PATH}/{spacecraft_id}").status_code == 204
+
+
 def test_wrong_spacecraft_are_refused(client: TestClient) -> None:
     """Each invalid spacecraft is rejected, and a correction without a misalignment estimate is a conflict."""
     spacecraft = client.post(PATH, json=SAT).json()

@@ -44,6 +44,8 @@ def heads(
     result = state.result if state else None
     states = {head.unit: head for head in state.heads} if state else {}
     state_name = "unknown" if state is None or state.verdict.state is None else state.verdict.state
+    if setup.problem:
+        state_name = "warning"
     return HeadsOut(
         id=setup.id,
         name=setup.name,
@@ -56,7 +58,7 @@ def heads(
         user=setup.user,
         changed=setup.changed,
         state="ok" if state_name == "ok" else "unknown" if state_name == "unknown" else "warning",
-        text=state.verdict.text if state else NOT_COMPARED,
+        text=setup.problem or (state.verdict.text if state else NOT_COMPARED),
         heads=[_head(head, states.get(head.unit), head.unit in served, result) for head in setup.heads],
         fused=None if result is None else _fused(result),
         pairs=[] if result is None else [_pair(result.time_s, pair) for pair in result.pairs],

@@ -160,6 +160,8 @@ class HeadWatch:
         comparison."""
         before, after = self._followers, {}
         for setup in self._book.list_all():
+            if setup.problem:
+                continue
             previous = before.get(setup.id)
             same = previous is not None and previous.tracker.setup.changed == setup.changed
             after[setup.id] = previous if previous and same else _Follower(HeadTracker(setup, self._resumed(setup)))

@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from gss.catalogue_tools.envelope.attitude import mounting_of, turns_of
 from gss.domain.angles import ARCSEC_RAD, Array
@@ -27,7 +27,18 @@ MIN_ARCSEC, MAX_ARCSEC = 1e-3, 648_000.0
 """Valid range of an attitude's standard deviations. A covariance with values outside this range cannot be inverted
 reliably."""
 Sigma = Annotated[float, Field(ge=MIN_ARCSEC, le=36_000)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 UNIT_LENGTH = 1e-3
+
+
+def _of_length_1(quaternion: list[float]) -> list[float]:
+    if abs(math.hypot(*quaternion) - 1) > UNIT_LENGTH:
+        raise ValueError("body_from_cam must be a quaternion of length 1")
+    return quaternion
+
+
+Quaternion = Annotated[list[Component], Field(min_length=4, max_length=4), AfterValidator(_of_length_1)]
 
 
 class HeadRequest(Request):
@@ -38,7 +49,7 @@ class HeadRequest(Request):
 
     unit: str = Field(min_length=1, max_length=24)
     mounting_deg: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
-    body_from_cam: Annotated[list[Component], Field(min_length=4, max_length=4)] | None = None
+    body_from_cam: Quaternion | None = None
     sigma_arcsec: float = Field(default=0.0, ge=0, le=36_000)
     sigma_cross_arcsec: Sigma | None = None
     sigma_roll_arcsec: Sigma | None = None
@@ -47,8 +58,6 @@ class HeadRequest(Request):
     def _one_mounting(self) -> Self:
         if (self.mounting_deg is None) == (self.body_from_cam is None):
             raise ValueError("set either mounting_deg or body_from_cam")
-        if self.body_from_cam is not None and abs(math.hypot(*self.body_from_cam) - 1) > UNIT_LENGTH:
-            raise ValueError("body_from_cam must be a quaternion of length 1")
         if (self.sigma_cross_arcsec is None) != (self.sigma_roll_arcsec is None):
             raise ValueError("set both standard deviations of the attitudes, or neither")
         return self
@@ -114,7 +123,8 @@ class HeadMounting:
 
 @dataclass(frozen=True)
 class SpacecraftSetup:
-    """A stored spacecraft. :class:`SpacecraftRequest` describes limits and rate, which are None if not set."""
+    """A stored spacecraft. :class:`SpacecraftRequest` describes limits and rate, which are None if not set. ``problem``: why
+    the stored values cannot be used, "" if they can; there are then no heads, and the other values are defaults."""
 
     id: int
     name: str
@@ -127,6 +137,7 @@ class SpacecraftSetup:
     drift_limit_rad_s: float | None
     user: str
     changed: datetime
+    problem: str
 
     def head(self, unit: str) -> HeadMounting | None:
         """Return the head with this unit name, None if this spacecraft does not have it."""
@@ -153,18 +164,27 @@ def row_values(request: SpacecraftRequest) -> dict[str, object]:
 
 def setup_of(row: Spacecraft) -> SpacecraftSetup:
     """Return a stored spacecraft."""
+    problem = ""
+    try:
+        stored = _StoredSpacecraft.model_validate({name: getattr(row, name) for name in _StoredSpacecraft.model_fields})
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        problem = f"The stored spacecraft is damaged: {field}: {first['msg']}. Edit or delete it."
+        stored = _StoredSpacecraft.model_construct(heads=[])
     return SpacecraftSetup(
         id=row.id,
         name=row.name,
-        heads=tuple(_mounted(values) for values in row.heads),
-        source="ground" if row.source == "ground" else "on board",
-        tolerance_s=row.tolerance_s,
-        stale_s=row.stale_s,
-        largest_rate_rad_s=row.largest_rate_rad_s,
-        misalignment_limit_rad=row.misalignment_limit_rad,
-        drift_limit_rad_s=row.drift_limit_rad_s,
+        heads=tuple(HeadMounting(h.unit, np.array(h.body_from_cam), h.sigma_rad, h.usual_rad) for h in stored.heads),
+        source=stored.source,
+        tolerance_s=stored.tolerance_s,
+        stale_s=stored.stale_s,
+        largest_rate_rad_s=stored.largest_rate_rad_s,
+        misalignment_limit_rad=stored.misalignment_limit_rad,
+        drift_limit_rad_s=stored.drift_limit_rad_s,
         user=row.user,
         changed=row.changed,
+        problem=problem,
     )
 
 
@@ -191,18 +211,25 @@ def _head_values(head: HeadRequest) -> dict[str, object]:
     return head_columns(HeadMounting(head.unit, quaternion, head.sigma_arcsec * ARCSEC_RAD, usual))
 
 
-def _mounted(values: dict[str, object]) -> HeadMounting:
-    stored = _StoredHead.model_validate(values)
-    return HeadMounting(stored.unit, np.array(stored.body_from_cam), stored.sigma_rad, stored.usual_rad)
-
-
 class _StoredHead(Request):
     """A head as stored in the column ``heads``."""
 
     unit: str
-    body_from_cam: Annotated[list[float], Field(min_length=4, max_length=4)]
-    sigma_rad: float
-    usual_rad: tuple[float, float] | None = Field(default=None, strict=False)
+    body_from_cam: Quaternion
+    sigma_rad: NotNegative
+    usual_rad: tuple[Positive, Positive] | None = Field(default=None, strict=False)
+
+
+class _StoredSpacecraft(Request):
+    """Columns of a stored spacecraft. The defaults are those of a new one."""
+
+    heads: list[_StoredHead] = Field(min_length=1)
+    source: Source = "on board"
+    tolerance_s: Positive = 1.0
+    stale_s: Positive = 30.0
+    largest_rate_rad_s: NotNegative | None = None
+    misalignment_limit_rad: Positive | None = None
+    drift_limit_rad_s: Positive | None = None
 
 
 def _valid(sigma_arcsec: float) -> bool:

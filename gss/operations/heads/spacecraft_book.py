@@ -48,11 +48,11 @@ class SpacecraftBook:
     def create(self, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
         """Store a new spacecraft. Raises Conflict if its name or one of its units is already used."""
         with self._database.unit_of_work() as session:
-            rows = store.list_all(session)
-            if len(rows) >= MAX_SPACECRAFT:
+            others = [setup_of(stored) for stored in store.list_all(session)]
+            if len(others) >= MAX_SPACECRAFT:
                 raise Conflict("too many spacecraft", expected=f"at most {MAX_SPACECRAFT}", hint="Delete one.")
             row = Spacecraft(**row_values(request), user=user, changed=self._now())
-            _check_free(row, rows)
+            _check_free(setup_of(row), others)
             store.add(session, row)
             setup = setup_of(row)
         self._bus.record("heads", "ok", f"{user} added the spacecraft {setup.name} with {_units(setup)}")
@@ -62,12 +62,12 @@ class SpacecraftBook:
         """Replace all values of a spacecraft. Raises NotFound, and Conflict as :meth:`create` does."""
         with self._database.unit_of_work() as session:
             row = store.get(session, spacecraft_id)
-            others = [row_of_other for row_of_other in store.list_all(session) if row_of_other.id != spacecraft_id]
+            others = [setup_of(stored) for stored in store.list_all(session) if stored.id != spacecraft_id]
             for name, value in row_values(request).items():
                 setattr(row, name, value)
             row.user, row.changed = user, self._now()
-            _check_free(row, others)
             setup = setup_of(row)
+            _check_free(setup, others)
         self._bus.record("heads", "ok", f"{user} changed the spacecraft {setup.name} with {_units(setup)}")
         return setup
 
@@ -105,18 +105,16 @@ def _units(setup: SpacecraftSetup) -> str:
     return ", ".join(head.unit for head in setup.heads)
 
 
-def _check_free(row: Spacecraft, others: list[Spacecraft]) -> None:
-    if any(stored.name.lower() == row.name.lower() for stored in others):
+def _check_free(setup: SpacecraftSetup, others: list[SpacecraftSetup]) -> None:
+    if any(other.name.lower() == setup.name.lower() for other in others):
         raise Conflict(
-            "a spacecraft with this name exists", got=row.name, hint="Choose another name, or edit that one."
+            "a spacecraft with this name exists", got=setup.name, hint="Choose another name, or edit that one."
         )
-    mounted = {unit: other.name for other in others for unit in _unit_names(other)}
-    for unit in _unit_names(row):
-        if unit in mounted:
+    mounted = {head.unit: other.name for other in others for head in other.heads}
+    for head in setup.heads:
+        if head.unit in mounted:
             raise Conflict(
-                "the unit belongs to another spacecraft", got=f"{unit} on {mounted[unit]}", hint="Remove it there."
+                "the unit belongs to another spacecraft",
+                got=f"{head.unit} on {mounted[head.unit]}",
+                hint="Remove it there.",
             )
-
-
-def _unit_names(row: Spacecraft) -> list[str]:
-    return [str(head["unit"]) for head in row.heads]

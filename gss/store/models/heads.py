@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, Index, String
+from sqlalchemy import JSON, Dialect, ForeignKey, Index, String, TypeDecorator
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.store.models.base import Base
+
+
+class CheckedJson(TypeDecorator[Any]):
+    """JSON column that returns None for a damaged text, so that the other rows of a query can be read."""
+
+    impl = JSON
+    cache_ok = True
+
+    def result_processor(self, dialect: Dialect, coltype: object) -> Callable[[Any], Any] | None:
+        """Return the function that reads a stored text."""
+        read = super().result_processor(dialect, coltype)
+
+        def checked(stored: Any) -> Any:
+            try:
+                return stored if read is None else read(stored)
+            except ValueError:
+                return None
+
+        return checked
 
 
 class Spacecraft(Base):
@@ -19,7 +39,7 @@ class Spacecraft(Base):
     __tablename__ = "spacecraft"
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(40), unique=True)
-    heads: Mapped[list[Any]]
+    heads: Mapped[list[Any]] = mapped_column(CheckedJson)
     source: Mapped[str] = mapped_column(String(10))
     tolerance_s: Mapped[float]
     stale_s: Mapped[float]

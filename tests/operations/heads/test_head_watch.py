@@ -346,6 +346,34 @@ def test_invalid_values_are_rejected_with_their_names(values: dict[str, Any], wo
         request(**values)
 
 
+@pytest.mark.parametrize(
+    ("heads", "words"),
+    [
+        ("[{", "heads: Input should be a valid list"),
+        ("[]", "at least 1 item"),
+        ('[{"unit": "C", "sigma_rad": 0.0}]', "heads.0.body_from_cam: Field required"),
+        ('[{"unit": "C", "sigma_rad": 0.0, "body_from_cam": [0, 0, 0, 0]}]', "length 1"),
+    ],
+)
+def test_a_damaged_row_is_named_and_does_not_affect_the_others(book, watch, body, database, heads, words) -> None:
+    """A damaged spacecraft is listed with the reason. The others are compared, and it can be changed or deleted."""
+    damaged = book.create(request(name="OTHER", heads=[HEAD_A | {"unit": "C"}]), user="kim")
+    book.create(request(), user="kim")
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE spacecraft SET heads = ? WHERE id = ?", (heads, damaged.id))
+    assert [(s.name, len(s.heads), words in s.problem) for s in book.list_all()] == [
+        ("OTHER", 0, True),
+        ("SAT", 2, False),
+    ]
+    body.run(5)
+    assert [(state.setup.name, state.result is not None) for state in watch.states()] == [("SAT", True)]
+    assert book.change(damaged.id, request(name="OTHER", heads=[HEAD_A | {"unit": "C"}]), user="kim").problem == ""
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE spacecraft SET heads = ? WHERE id = ?", (heads, damaged.id))
+    book.remove(damaged.id, user="kim")
+    assert [s.name for s in book.list_all()] == ["SAT"]
+
+
 def test_names_and_units_are_used_once(book) -> None:
     """A name and a unit can be used by one spacecraft only. An unknown spacecraft is rejected. A mounting quaternion is
     equal to its angles."""
