@@ -155,6 +155,51 @@ def test_abort_and_stop_end_the_plan_and_its_procedure(mission, how):
         mission.runner.stop(plan.id, user="eve")
 
 
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_a_plan_whose_procedure_ended_at_abort_is_stopped(mission: Mission, monkeypatch: Any, when: str) -> None:
+    """The plan and its item are stopped, also if ABORT ended the procedure before the plan was looked at, or meanwhile."""
+    plan = mission.plan(mission.quick(WAIT, name="a"), mission.quick(STANDBY, name="b"))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    mission.until(plan, "running")
+    active = mission.plans.active
+
+    def abort() -> Any:
+        mission.console.commands.abort(user="eve", source="form")
+        mission.console.wait(lambda: mission.console.procedure_runs.newest(1)[0].state == "aborted")
+        return active()
+
+    if when == "before":
+        abort()
+    else:  # after the number of ABORTs was read
+        monkeypatch.setattr(mission.plans, "active", abort)
+    mission.runner.tick()
+    ended = mission.plans.get(plan.id)
+    assert (ended.state, ended.reason, states(ended)) == ("stopped", "ABORT was sent", ["stopped", "waiting"])
+    assert items_of(ended)[0].detail == "ABORT by eve"
+
+
+def test_an_item_that_starts_at_abort_sends_nothing(mission: Mission, monkeypatch: Any) -> None:
+    """If ABORT is sent while an item starts, its procedure sends no command, and the plan is stopped."""
+    plan, runs = mission.plan(mission.quick(STATUS, WAIT, name="a")), mission.console.procedure_runs
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    begin = runs.begin
+
+    def begin_after_abort(*arguments: Any, **options: Any) -> Any:
+        mission.console.commands.abort(user="eve", source="form")
+        mission.console.wait(lambda: any("ABORTED" in event.text for event in mission.bus.after(0, 1000)))
+        row = begin(*arguments, **options)
+        mission.console.wait(lambda: runs.get(row.id).entries and runs.get(row.id).entries[-1]["state"] != "sending")
+        return row
+
+    monkeypatch.setattr(runs, "begin", begin_after_abort)
+    mission.runner.tick()
+    ended = mission.plans.get(plan.id)
+    assert (ended.state, states(ended)) == ("stopped", ["stopped"])
+    assert "ABORT was requested before this command was sent" in runs.newest(1)[0].entries[0]["detail"]
+
+
 def test_after_a_restart_an_item_in_progress_is_unknown_and_an_armed_plan_stays(
     mission, make_console, database, bus, clock, tle_of
 ):

@@ -125,8 +125,9 @@ class ItemControl:
         else:
             self._permits(user, permission_of(item.content) if item.kind == "download" else "catalogues.upload")
 
-    def start(self, item: PlanItem, confirm: Sequence[str], *, user: str) -> int:
-        """Start an item and return the id of its run or transfer. Raises Conflict if its procedure was changed after the
+    def start(self, item: PlanItem, confirm: Sequence[str], *, user: str, aborts: int) -> int:
+        """Start an item and return the id of its run or transfer. ``aborts``: number of ABORTs that the plan has handled; after
+        a further ABORT, a procedure sends no command. Raises Conflict if its procedure was changed after the
         plan was armed, GssError if the item cannot start."""
         self.require(item, user)
         if item.reviewed_sha256 != self._hash(item):
@@ -136,7 +137,7 @@ class ItemControl:
             )
         if item.procedure_id is not None:
             return self._procedure_runs.begin(
-                item.procedure_id, user=user, automatic=True, confirmed=confirm, planned=True
+                item.procedure_id, user=user, automatic=True, confirmed=confirm, aborts=aborts
             ).id
         if item.catalogue_id is not None:
             return self._catalogues.upload(item.catalogue_id, item.bank or "").row.id
@@ -157,6 +158,8 @@ class ItemControl:
         row, waiting = self._procedure_runs.state(run_id)
         if row.state == "running":
             return "running", f"step {waiting} waits for an operator on the page Procedures" if waiting else ""
+        if row.state == "aborted":
+            return "stopped", row.reason
         return ("done", "") if row.state == "completed" else ("failed", row.reason or row.state)
 
     def pause(self, item: PlanItem) -> None:

@@ -28,6 +28,7 @@ EARLY = timedelta(minutes=2)
 masks are not exact."""
 NEXT_DAYS = 7.0
 IN_PROGRESS = ("starting", "running")
+ABORTED = "ABORT was sent"
 NOT_RECORDED = "the start of an item could not be stored; check the unit and create a new plan"
 RESTARTED = "the server restarted while an item was in progress; check the unit and create a new plan"
 
@@ -81,7 +82,7 @@ class PlanRunner:
             aborts = self._commands.aborts
             for row in self._plans.active():
                 if aborts != self._aborts:
-                    self._halt(row, "stopped", "ABORT was sent")
+                    self._halt(row, "stopped", ABORTED)
                 else:
                     self._advance(row)
             self._aborts = aborts
@@ -137,6 +138,9 @@ class PlanRunner:
                     return
                 items[k] = item.at(state, self._now(), detail)
                 row = self._plans.change(row.id, items)
+                if state == "stopped":  # ABORT was sent after the check in tick, and has ended the procedure
+                    self._end(row, items, "stopped", ABORTED)
+                    return
                 if state != "done":
                     self._end(row, items, "failed", f"item {k + 1}, {item.title}: {detail}")
                     return
@@ -170,7 +174,7 @@ class PlanRunner:
         self._plans.change(row.id, items)
         try:
             self._commands.check_user(row.armed_by)
-            started_id = self._control.start(items[index], row.confirm, user=row.armed_by)
+            started_id = self._control.start(items[index], row.confirm, user=row.armed_by, aborts=self._aborts)
         except GssError as error:
             items[index] = items[index].at("failed", self._now(), str(error))
             self._end(row, items, "failed", f"item {index + 1}, {items[index].title}: {error}")
@@ -180,7 +184,7 @@ class PlanRunner:
         row = self._plans.change(row.id, items)
         del self._begun[row.id]
         if self._commands.aborts != self._aborts:  # ABORT was sent between the check in tick and the start
-            self._halt(row, "stopped", "ABORT was sent")
+            self._halt(row, "stopped", ABORTED)
 
     def _pause(self, row: PassPlan, state: str, reason: str) -> None:
         for item in self._items(row):

@@ -111,13 +111,13 @@ class ProcedureRunner:
         user: str,
         automatic: bool = False,
         confirmed: Sequence[str] = (),
-        planned: bool = False,
+        aborts: int | None = None,
     ) -> ProcedureRun:
         """Start a run of a procedure. No command is sent by this call. ``confirmed``: names of hazardous commands that an
-        automatic run sends without another confirmation. ``planned``: True for the run of a pass plan, which continues at
-        acquisition of signal. Raises BadInput with the first mistake, Conflict if another procedure is running. An automatic run
-        also raises NotPermitted if the user does not have the permission for one of the commands, Conflict if another user
-        holds command authority or the line is down."""
+        automatic run sends without another confirmation. ``aborts``: number of ABORTs that the pass plan of the run has
+        handled, None without a plan. The run of a plan continues at acquisition of signal. Raises BadInput with the first
+        mistake, Conflict if another procedure is running. An automatic run also raises NotPermitted if the user does not have
+        the permission for one of the commands, Conflict if another user holds command authority or the line is down."""
         procedure = self._procedures.get(procedure_id)
         document = self._procedures.valid(procedure)
         if automatic:
@@ -125,12 +125,12 @@ class ProcedureRunner:
             self._check_automatic(user)
         with self._lock:
             self._require_none_active()
-            self._aborted_by, aborts = "", self._commands.aborts
+            self._aborted_by, before = "", self._commands.aborts if aborts is None else aborts
             contact = self._link.contact_id if self._link.connected else None
             row = self._record.begin(
                 procedure, document.steps[0].id, self._link.dictionary.device_model, contact, user, automatic
             )
-            self._active = ActiveRun(row.id, document, aborts, frozenset(confirmed), planned)
+            self._active = ActiveRun(row.id, document, before, frozenset(confirmed), aborts is not None)
         self._bus.record("procedure", "ok", f"{user} started the procedure {row.name}", procedure_run_id=row.id)
         self._wake.set()
         return row

@@ -36,7 +36,7 @@ UNATTENDED = ("text", "check", "command", "wait", "branch")
 @dataclass(frozen=True)
 class ActiveRun:
     """The active run. ``confirmed``: names of hazardous commands that a user confirmed before the start. ``aborts``: number of
-    ABORTs when the run started; after a further ABORT the run sends no command. ``planned``: True for the run of a pass plan.
+    ABORTs before the run; after a further ABORT the run sends no command. ``planned``: True for the run of a pass plan.
     ``held_since_s``: monotonic time since which the run of a plan has been waiting for a signal, None if it is not waiting."""
 
     id: int
