@@ -23,6 +23,15 @@ export function hasEnded(command: Pick<Command, 'result'>): boolean {
   return ['completed', 'rejected', 'failed', 'resolved', 'withdrawn'].includes(command.result);
 }
 
+/**
+ * True if the command failed or its result is unknown. A command that the server rejected was not sent; the response to
+ * its request states the reason.
+ */
+export function isFailure(command: Pick<Command, 'result' | 'stages'>): boolean {
+  if (command.result === 'rejected') return command.stages.some((s) => s.name === 'sent' && s.at !== null);
+  return command.result === 'failed' || command.result === 'unknown';
+}
+
 /** True if the result is unknown and no operator has resolved it. */
 export function isUnsettled(command: Pick<Command, 'result' | 'resolved_note'>): boolean {
   return command.result === 'unknown' && !command.resolved_note;

@@ -7,7 +7,7 @@ import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
 import { commandOrder } from '../lib/requestOrder';
-import { hasEnded, mergeCommands, retained } from '../lib/stages';
+import { hasEnded, isFailure, mergeCommands, retained } from '../lib/stages';
 import { session } from './session.svelte';
 import { Batch } from './batch';
 import { outageText, type Outage } from './outage';
@@ -208,7 +208,7 @@ class Live {
     // A response can arrive after the stream has reported the result.
     if (before && hasEnded(before) && !hasEnded(command)) return;
     this.commands = retained(upsert(this.commands, command), HISTORY);
-    if (before?.result !== command.result && ['rejected', 'failed', 'unknown'].includes(command.result))
+    if (before?.result !== command.result && isFailure(command))
       toast(
         command.result === 'unknown' ? 'unknown' : 'critical',
         `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`,

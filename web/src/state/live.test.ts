@@ -1,5 +1,5 @@
 import { expect, test, vi } from 'vitest';
-import type { AlarmRow } from '../api/types';
+import type { AlarmRow, Command, Stage } from '../api/types';
 
 type Listener = (e: { data: string; lastEventId: string }) => void;
 const listeners = new Map<string, Listener>();
@@ -26,4 +26,21 @@ test('an alarm is handled at once while the tab is hidden, because its sound is 
   expect(live.alarms.map((a) => a.id)).toEqual([7]);
   expect(live.authority).toBeNull();
   stream.stop();
+});
+
+test('a command that the server rejects is reported once, and one that the sensor rejects also', async () => {
+  const { live, sendCommand } = await import('./live.svelte');
+  const { toasts } = await import('./toasts.svelte');
+  const { api, ApiError } = await import('../api/client');
+  toasts.list = [];
+  const row = (id: number, result: string, sentAt: string | null): Command =>
+    ({ id, name: 'GET_STATUS', result, stages: [{ name: 'sent', at: sentAt } as Stage] }) as Command;
+  const message = 'ABORT was requested before this command was sent.';
+  const problem = { id: '', message, expected: '', got: '', hint: '' };
+  vi.spyOn(api, 'send').mockRejectedValue(new ApiError(409, problem));
+  live.put('command', row(1, 'queued', null));
+  await sendCommand('GET_STATUS');
+  live.put('command', { ...row(1, 'rejected', null), detail: message });
+  live.put('command', row(2, 'rejected', '2026-12-01T18:00:00Z'));
+  expect(toasts.list.map((t) => t.text)).toEqual([message, 'GET_STATUS rejected']);
 });
