@@ -39,19 +39,22 @@ def count_line(
 
 @dataclass(frozen=True)
 class _Sample:
-    """Counters of bytes, packets and damaged packets of one direction at one time."""
+    """Counters of one direction at one time: bytes and packets sent, and packets received, of which some are damaged."""
 
     bytes: int
+    sent: int
     packets: int
     damaged: int
 
     def rate_since(self, before: _Sample) -> float:
         """Return the damage rate per byte since the sample ``before``; 0 if too few packets were damaged for an
-        estimate."""
-        packets, damaged = self.packets - before.packets, self.damaged - before.damaged
-        if damaged < MIN_LOSSES or packets < damaged:
+        estimate. Received packets in excess of the packets sent are noise."""
+        sent, packets = self.sent - before.sent, self.packets - before.packets
+        noise = max(packets - sent, 0)
+        damaged = self.damaged - before.damaged - noise
+        if damaged < MIN_LOSSES or packets - noise < damaged:
             return 0.0
-        return loss_per_byte(damaged, packets, (self.bytes - before.bytes) / packets)
+        return loss_per_byte(damaged, packets - noise, (self.bytes - before.bytes) / sent)
 
 
 class LineQuality:
@@ -62,27 +65,31 @@ class LineQuality:
     """
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[float, _Sample, _Sample]] = deque()
+        self._samples: dict[Direction, deque[tuple[float, _Sample]]] = {d: deque() for d in Direction}
+        self._housekeeping: Mapping[str, Value] | None = None
 
     def note(
         self, now_s: float, sender: LineSender, receiver: LineReceiver, housekeeping: Mapping[str, Value] | None
     ) -> None:
-        """Sample the counters. Call about once per second."""
-        down = _Sample(receiver.deframer.bytes, receiver.good + receiver.bad_total, receiver.bad_total)
-        sensed = housekeeping or {}
-        bad = int(sensed.get("frames_bad", 0))
-        up = _Sample(sender.bytes, int(sensed.get("frames_good", 0)) + bad, bad)
-        newest = self._samples[-1] if self._samples else None
-        if newest is not None and up.packets < newest[2].packets:
-            self._samples.clear()  # the device has restarted and reset its counters
-        self._samples.append((now_s, down, up))
-        while now_s - self._samples[0][0] > LATELY_S:
-            self._samples.popleft()
+        """Sample the counters. Call about once per second. The uplink is sampled only at each new housekeeping packet,
+        because older counters do not include the packets sent since."""
+        received = receiver.good + receiver.bad_total
+        self._add(now_s, Direction.DOWN, _Sample(receiver.deframer.bytes, received, received, receiver.bad_total))
+        if housekeeping is not None and housekeeping is not self._housekeeping:
+            good, bad = int(housekeeping.get("frames_good", 0)), int(housekeeping.get("frames_bad", 0))
+            self._add(now_s, Direction.UP, _Sample(sender.bytes, sender.good, good + bad, bad))
+        self._housekeeping = housekeeping
+        for samples in self._samples.values():
+            while samples and now_s - samples[0][0] > LATELY_S:
+                samples.popleft()
+
+    def _add(self, now_s: float, direction: Direction, sample: _Sample) -> None:
+        samples = self._samples[direction]
+        if samples and sample.packets < samples[-1][1].packets:
+            samples.clear()  # the device has restarted and reset its counters
+        samples.append((now_s, sample))
 
     def chunk_bytes(self, direction: Direction) -> int:
         """Return the chunk size with the highest throughput at the current damage rate."""
-        if not self._samples:
-            return best_chunk_bytes(0.0)
-        (_, down_before, up_before), (_, down, up) = self._samples[0], self._samples[-1]
-        is_down = direction is Direction.DOWN
-        return best_chunk_bytes(down.rate_since(down_before) if is_down else up.rate_since(up_before))
+        samples = self._samples[direction]
+        return best_chunk_bytes(samples[-1][1].rate_since(samples[0][1]) if samples else 0.0)

@@ -16,7 +16,11 @@ from gss.device.protocol.chunk_size import (
     regrid,
     smaller_chunk_bytes,
 )
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.protocol.sender import LineSender
 from gss.device.protocol.transfer import ChunkSender, ChunkSet, chunk_count
+from gss.device.session_counters import LineQuality
+from gss.device.session_events import Direction
 
 
 @pytest.mark.parametrize(
@@ -82,3 +86,36 @@ def test_a_sender_requests_status_after_its_last_chunk() -> None:
     assert sender.request_due(0.0) == (3, 0)
     assert sender.request_due(4.9) is None
     assert sender.request_due(5.1) == (3, 0)
+
+
+def uplink_chunk(*samples: tuple[int, int, int]) -> int:
+    """Return the chunk size of an upload after samples of (packets of 1064 B sent, good, damaged), one per second. The
+    first one is before the first housekeeping."""
+    quality, sender, receiver = LineQuality(), LineSender(to_device=True, prefix=0), LineReceiver(from_device=True)
+    quality.note(0.0, sender, receiver, None)
+    for now_s, (sent, good, bad) in enumerate(samples, 1):
+        sender.good, sender.bytes = sent, 1064 * sent
+        quality.note(float(now_s), sender, receiver, {"frames_good": good, "frames_bad": bad})
+    return quality.chunk_bytes(Direction.UP)
+
+
+def test_the_chunk_size_of_an_upload_follows_the_damage_of_sent_packets() -> None:
+    """Noise that the device counts as packets while few or no packets are sent, and the damage before the connection, do
+    not change the chunk size."""
+    assert uplink_chunk((10, 10, 0), (110, 53, 57)) == 256
+    assert uplink_chunk((10, 10, 0), (10, 10, 3)) == 1024
+    assert uplink_chunk((10, 10, 0), (12, 12, 9)) == 1024
+    assert uplink_chunk((4, 4000, 20), (6, 4002, 20)) == 1024
+
+
+def test_the_uplink_is_sampled_only_with_new_housekeeping() -> None:
+    """Packets sent since the last housekeeping are not compared with its counters."""
+    quality, sender, receiver = LineQuality(), LineSender(to_device=True, prefix=0), LineReceiver(from_device=True)
+    quality.note(0.0, sender, receiver, {"frames_good": 0, "frames_bad": 0})
+    sender.good, sender.bytes = 10, 640
+    damaged = {"frames_good": 5, "frames_bad": 5}
+    quality.note(1.0, sender, receiver, damaged)
+    chunk = quality.chunk_bytes(Direction.UP)
+    sender.good, sender.bytes = 1000, 1_000_000
+    quality.note(2.0, sender, receiver, damaged)
+    assert quality.chunk_bytes(Direction.UP) == chunk < 1024
