@@ -440,6 +440,7 @@ def test_an_item_whose_start_could_not_be_stored_is_not_skipped(
     else:
         stopped = mission.plans.get(plan.id)
         assert (stopped.state, states(stopped)) == ("stopped", ["unknown", "waiting"])
+        assert "not known whether an item was started" in stopped.reason
     assert mission.sent("SET_MODE") == 0
 
 

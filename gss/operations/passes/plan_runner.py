@@ -29,7 +29,7 @@ masks are not exact."""
 NEXT_DAYS = 7.0
 IN_PROGRESS = ("starting", "running")
 ABORTED = "ABORT was sent"
-NOT_RECORDED = "the start of an item could not be stored; check the unit and create a new plan"
+NOT_RECORDED = "it is not known whether an item was started; check the unit and create a new plan"
 RESTARTED = "the server restarted while an item was in progress; check the unit and create a new plan"
 
 
