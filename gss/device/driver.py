@@ -82,6 +82,8 @@ class Driver(Protocol):
 
     framing: str
     """Framing of the line, for display."""
+    stores_results: bool
+    """True if the sensor stores the results of its latest request ids, and does not execute a repeated id again."""
 
     @property
     def transfers(self) -> DriverTransfers: ...

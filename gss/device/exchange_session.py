@@ -90,6 +90,8 @@ class ExchangeSession:
     """A :class:`gss.device.driver.Driver` for requests and responses. ``poll``: requests that the ground repeats;
     ``greeting``: command that the ground repeats while the sensor sends no telemetry."""
 
+    stores_results = False
+
     def __init__(
         self,
         setup: UnitSetup,

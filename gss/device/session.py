@@ -2,8 +2,7 @@
 
 ``HostSession`` manages commands (queue, timeouts, retries), ``transfers`` and counters. Its owner calls ``link_up``
 when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes the bytes that ``poll``
-returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: an owner with several threads needs a
-lock.
+returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: several threads need a lock.
 """
 
 from __future__ import annotations
@@ -63,7 +62,8 @@ class HostSession:
         signer: PacketSigner | None = None,
         hello_again_s: float = HELLO_AGAIN_S,
     ) -> None:
-        self._dictionary, self._reader, self.framing = dictionary, TelemetryReader(dictionary), framing
+        self._dictionary, self._reader = dictionary, TelemetryReader(dictionary)
+        self.framing, self.stores_results = framing, True
         self._ids, self._command_queue = RequestIds(next_request_id), CommandQueue()
         self._sender = LineSender(to_device=True, prefix=dictionary.prefix, framing=framing, signer=signer)
         self._receiver, self._quality = LineReceiver(from_device=True, framing=framing), LineQuality()

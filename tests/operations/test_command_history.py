@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from gss.device.exchange_session import ExchangeSession
 from gss.device.session_events import Stage
 from gss.domain.errors import BadInput, Conflict, NotPermitted, StoreDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
@@ -273,9 +274,20 @@ def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
         for _ in range(REMEMBERED_IDS):
             console.link.session.reserve()
     assert not console.commands.can_retry(console.commands.get(image.id))
-    with pytest.raises(Conflict, match="no longer stores"):
+    with pytest.raises(Conflict, match="does not store"):
         console.commands.retry(image.id, user="ann")
     assert console.end(console.commands.retry(status.id, user="ann")).result == "completed"
+
+
+def test_a_command_is_not_resent_to_a_sensor_that_stores_no_results(console, monkeypatch):
+    """A sensor that stores no results would execute a repeated command again. A retry is rejected unless the command is
+    idempotent."""
+    console.sensor.deaf = True
+    image, status = (console.end(console.send(name)) for name in ("TAKE_IMAGE", "GET_STATUS"))
+    monkeypatch.setattr(console.link.session, "stores_results", ExchangeSession.stores_results)
+    assert [console.commands.can_retry(row) for row in (image, status)] == [False, True]
+    with pytest.raises(Conflict, match="does not store"):
+        console.commands.retry(image.id, user="ann")
 
 
 def test_abort_needs_neither_store_nor_queue(console, monkeypatch):

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gss.device.driver import Driver
 from gss.device.protocol.codec import decode
 from gss.device.session_events import HelloReceived
 from gss.domain.errors import BadInput, Conflict, GssError
@@ -13,6 +14,9 @@ from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary
 from gss.instruments.operations import COMMAND_CODE, LENGTH, PAYLOAD, Operation, StandardOperations
 
 YES = "yes"
+REMEMBERED_IDS = 64
+"""Number of request ids whose results a device stores, counted from the latest id. The device would execute a command
+with an older id again."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,11 @@ def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
         state = "is real" if hello.simulated is False else "does not report whether it is simulated"
         got = f"{hello.serial or hello.device_model} {state}"
     raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)
+
+
+def stores_result(session: Driver, request_id: int) -> bool:
+    """True if the device still stores the result of a request id, and does not execute the command again."""
+    return session.stores_results and 0 < session.next_request_id - request_id <= REMEMBERED_IDS
 
 
 def words(value: Any) -> str:

@@ -17,12 +17,14 @@ from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.aborts import AbortReceipt, Aborts
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_checks import (
+    REMEMBERED_IDS,
     DryRun,
     PreconditionState,
     check_confirmation,
     check_unit,
     precondition_states,
     risk_of,
+    stores_result,
     subsystems_of,
 )
 from gss.operations.commanding.command_record import CommandCompleted, CommandRecorder, CommandView
@@ -40,10 +42,6 @@ SOFTWARE = "gss"
 """User name of commands that the server sends on its own behalf."""
 SERVER = "server"
 """Source of commands that the server sends on its own behalf. These commands do not need command authority."""
-REMEMBERED_IDS = 64
-"""Number of request ids whose results the device stores, counted from the latest id. The device would execute a command
-with an older id again."""
-
 
 Permits = Callable[[str, str], None]
 """Function of (user, permission) that raises NotPermitted. It takes the user's name, because a procedure continues after its HTTP
@@ -263,8 +261,8 @@ class CommandService:
             raise Conflict("only a command whose result is unknown can be retried", expected="unknown", got=row.result)
         if not self.can_retry(row):
             raise Conflict(
-                "the device no longer stores the result of this id and can execute the command twice",
-                expected=f"one of its last {REMEMBERED_IDS} ids",
+                "the device does not store the result of this id and can execute the command twice",
+                expected=f"an idempotent command, or one of the last {REMEMBERED_IDS} ids of a device that stores results",
                 got=f"{row.request_id}, the next is {self._link.session.next_request_id}",
                 hint="check telemetry, mark the command resolved, and send a new one if it was not executed",
             )
@@ -284,8 +282,7 @@ class CommandService:
         """True if the command can be sent again with the same request id without being executed twice."""
         if row.result != "unknown":
             return False
-        age = self._link.session.next_request_id - row.request_id
-        return self.idempotent(row.name) or 0 < age <= REMEMBERED_IDS
+        return self.idempotent(row.name) or stores_result(self._link.session, row.request_id)
 
     def withdraw(self, command_id: int, *, user: str) -> Command:
         """Withdraw a command that is still queued. The user needs the permission and the authority to send it. Raises Conflict if
