@@ -22,25 +22,26 @@ from gss.instruments.dictionary.definitions import (
     Item,
     LimitSet,
     PacketDefinition,
-    Precondition,
     Service,
     TelemetryField,
 )
 from gss.instruments.dictionary.read_items import (
     Enums,
     Row,
+    finite,
     known_keys,
     read_argument,
     read_choices,
+    read_flag,
     read_group,
     read_item,
     read_layout,
     read_name,
+    read_precondition,
     unique,
 )
 from gss.instruments.marked_yaml import MarkedYaml, parse_yaml
 
-OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
 SERVICE_PACKETS = ("report", "event", "transfer")
 SECTIONS = ("version", "device_model", "commands", "telemetry", "events", "services")
 DESCRIPTIVE = (
@@ -134,11 +135,13 @@ def _dictionary(file: MarkedYaml, content: Mapping[str, Any], content_hash: byte
     missing = [section for section in SECTIONS if section not in content]
     if missing:
         raise file.error((), f"missing: {', '.join(missing)}")
+    telemetry = _rows(file, content, "telemetry", lambda row: _packet(row, enums))
+    conditions = {f.name: f for p in telemetry if p.name == "housekeeping" for f in p.values}
     dictionary = Dictionary(
         version=int(content["version"]),
         device_model=str(content["device_model"]),
-        commands=_rows(file, content, "commands", lambda row: _command(row, enums)),
-        telemetry=_rows(file, content, "telemetry", lambda row: _packet(row, enums)),
+        commands=_rows(file, content, "commands", lambda row: _command(row, enums, conditions)),
+        telemetry=telemetry,
         events=_rows(file, content, "events", _event),
         services=_rows(file, content, "services", lambda row: _service(row, enums)),
         hash=content_hash if content_hash is not None else layout_hash(content),
@@ -171,7 +174,7 @@ def _layout(content: Any, *, names: bool = False) -> Any:
     return [_layout(value) for value in content] if isinstance(content, list) else content
 
 
-def _command(row: Row, enums: Enums) -> CommandDefinition:
+def _command(row: Row, enums: Enums, conditions: Mapping[str, Item]) -> CommandDefinition:
     name = read_name("command", row)
     known_keys(
         name,
@@ -193,28 +196,27 @@ def _command(row: Row, enums: Enums) -> CommandDefinition:
         returns=read_layout(name, row.get("returns", ()), enums),
         hazard=hazard,
         hazard_reason=str(row.get("hazard_reason", "")),
-        preconditions=tuple(_precondition(name, r) for r in row.get("preconditions", ())),
-        idempotent=bool(row["idempotent"]),
+        preconditions=tuple(read_precondition(name, r, conditions) for r in row.get("preconditions", ())),
+        idempotent=read_flag(name, row, "idempotent"),
         role=str(row.get("role", "operator")),
-        favourite=bool(row.get("favourite", False)),
-        accept_s=float(row["accept_s"]),
-        complete_s=float(row["complete_s"]),
-        any_dictionary=bool(row.get("any_dictionary", False)),
-        simulator_only=bool(row.get("simulator_only", False)),
+        favourite=read_flag(name, row, "favourite", False),
+        accept_s=_timeout(name, row, "accept_s"),
+        complete_s=_timeout(name, row, "complete_s"),
+        any_dictionary=read_flag(name, row, "any_dictionary", False),
+        simulator_only=read_flag(name, row, "simulator_only", False),
     )
 
 
-def _precondition(where: str, row: Row) -> Precondition:
-    known_keys(where, row, "field op value text")
-    if row["op"] not in OPERATORS:
-        raise BadInput(f"{where}: unknown operator", expected=" ".join(OPERATORS), got=str(row["op"]))
-    return Precondition(str(row["field"]), str(row["op"]), row["value"], str(row["text"]))
+def _timeout(where: str, row: Row, key: str) -> float:
+    if finite(f"{where}.{key}", row[key]) <= 0:
+        raise BadInput(f"{where}: {key} is not above 0", got=str(row[key]))
+    return float(row[key])
 
 
 def _packet(row: Row, enums: Enums) -> PacketDefinition:
     name = read_name("packet", row)
     known_keys(name, row, "name code purpose fields stale_after_s simulator_only")
-    stale_after_s = float(row["stale_after_s"])
+    stale_after_s = float(finite(f"{name}.stale_after_s", row["stale_after_s"]))
     fields: list[Item | Group] = []
     for entry in row["fields"]:
         if "list" in entry:
@@ -223,7 +225,12 @@ def _packet(row: Row, enums: Enums) -> PacketDefinition:
             fields.append(_field(name, entry, enums, stale_after_s))
     unique(name, [f.name for f in fields])
     return PacketDefinition(
-        name, int(row["code"]), str(row["purpose"]), tuple(fields), stale_after_s, bool(row.get("simulator_only"))
+        name,
+        int(row["code"]),
+        str(row["purpose"]),
+        tuple(fields),
+        stale_after_s,
+        read_flag(name, row, "simulator_only", False),
     )
 
 
@@ -245,7 +252,7 @@ def _field(where: str, row: Row, enums: Enums, stale_after_s: float) -> Telemetr
         persistence=_persistence(f"{where}.{row['name']}", row.get("persistence", 1)),
         valid=_valid(f"{where}.{row['name']}", row["valid"]) if "valid" in row else None,
         sets={str(name): _limit_row(f"{where}.{row['name']}", limits) for name, limits in row.get("sets", {}).items()},
-        stale_after_s=float(row.get("stale_after_s", stale_after_s)),
+        stale_after_s=float(finite(f"{where}.{row['name']}", row.get("stale_after_s", stale_after_s))),
         action=str(row.get("action", "")),
     )
 
@@ -276,14 +283,14 @@ def _limit_set(row: Row) -> LimitSet:
 
 
 def _pair(where: str, value: Sequence[float | None]) -> tuple[float | None, float | None]:
-    low, high = value
+    low, high = (None if bound is None else finite(where, bound) for bound in value)
     if low is not None and high is not None and low > high:
         raise BadInput(f"{where}: the lower limit is above the upper limit", got=f"{low} > {high}")
     return low, high
 
 
 def _valid(where: str, value: Sequence[float]) -> tuple[float, float]:
-    low, high = map(float, value)
+    low, high = (float(finite(where, bound)) for bound in value)
     if not low <= high:
         raise BadInput(f"{where}: the start of the valid range is above its end", got=f"{low:g} > {high:g}")
     return low, high
@@ -295,10 +302,10 @@ def _conversion(where: str, row: Row) -> Conversion:
     if not row:
         return Conversion()
     if set(row) == {"linear"} and len(row["linear"]) == 2:
-        scale, offset = map(float, row["linear"])
+        scale, offset = (float(finite(where, number)) for number in row["linear"])
         return Conversion((offset, scale))
     if set(row) == {"polynomial"} and row["polynomial"]:
-        return Conversion(tuple(map(float, row["polynomial"])))
+        return Conversion(tuple(float(finite(where, number)) for number in row["polynomial"]))
     raise BadInput(
         f"{where}: unknown conversion", expected="linear: [scale, offset] or polynomial: [c0, …]", got=str(row)
     )
@@ -319,8 +326,7 @@ def _service(row: Row, enums: Enums) -> Service:
 
 
 def _check_across_rows(dictionary: Dictionary) -> None:
-    """Check rules across rows: unique names and codes, codes of one byte, existing limit sets and existing precondition
-    fields."""
+    """Check rules across rows: unique names and codes, codes of one byte, existing limit sets."""
     for where, rows in (
         ("commands", dictionary.commands),
         ("telemetry", dictionary.telemetry),
@@ -340,11 +346,4 @@ def _check_across_rows(dictionary: Dictionary) -> None:
                     f"{packet.name}.{value.name}: unknown limit set",
                     expected=", ".join(sorted(sets)),
                     got=", ".join(sorted(set(value.sets) - sets)),
-                )
-    housekeeping_fields = {f.name for p in dictionary.telemetry if p.name == "housekeeping" for f in p.values}
-    for command in dictionary.commands:
-        for p in command.preconditions:
-            if p.field not in housekeeping_fields:
-                raise BadInput(
-                    f"{command.name}: precondition on an unknown field", expected="a housekeeping field", got=p.field
                 )

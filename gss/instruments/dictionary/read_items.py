@@ -1,10 +1,11 @@
-"""Read the inner rows of ``dictionary.yaml``: choices, values, arguments, lists. Errors name the invalid row."""
+"""Read the inner rows of ``dictionary.yaml``: choices, values, arguments, preconditions, lists. Errors name the invalid row."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict
+from typing import Any, TypedDict, TypeGuard
 
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import (
@@ -16,6 +17,7 @@ from gss.instruments.dictionary.definitions import (
     Hazard,
     Item,
     Layout,
+    Precondition,
 )
 
 ITEM_KEYS = "name type enum unit decimals purpose"
@@ -23,6 +25,7 @@ SIZED = re.compile(r"(bytes|str)([1-9][0-9]{0,2})")
 PLAIN_TYPES = (*INTEGER_RANGES, *FLOATS, "bool", "enum", "text", "rest")
 LONGEST = {"command": 60, "packet": 40, "field": 53, "limit set": 30}
 """Longest names that the database can store; of a field as ``packet.field``."""
+OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
 COUNTS, MAX_SLOTS = ("u8", "u16"), 255
 Row = Mapping[str, Any]
 Enums = dict[str, tuple[EnumChoice, ...]]
@@ -63,6 +66,34 @@ def known_keys(where: str, row: Row, keys: str) -> None:
     unknown = set(row) - set(keys.split())
     if unknown:
         raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(map(str, sorted(unknown, key=str))))
+
+
+def read_flag(where: str, row: Row, key: str, default: bool | None = None) -> bool:
+    """Return a boolean of a row. Raises BadInput for other values; YAML reads ``no`` and ``off`` as text."""
+    value = row.get(key, default)
+    if not isinstance(value, bool):
+        raise BadInput(f"{where}: {key} is not a boolean", expected="true or false", got=repr(value)[:80])
+    return value
+
+
+def finite(where: str, value: object) -> int | float:
+    """Return a number of a row. Raises BadInput for text, a boolean, NaN and infinity."""
+    if not _is_finite(value):
+        raise BadInput(f"{where}: not a finite number", got=repr(value)[:80])
+    return value
+
+
+def _is_finite(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_value_of(item: Item, value: object) -> bool:
+    """True if an item can have this value; an enumeration has the names of its choices."""
+    if item.choices:
+        return any(c.name == value for c in item.choices)
+    if item.type in INTEGER_RANGES or item.type in FLOATS:
+        return _is_finite(value)
+    return isinstance(value, bool if item.type == "bool" else str)
 
 
 class ItemFields(TypedDict):
@@ -106,6 +137,9 @@ def read_argument(where: str, row: Row, enums: Enums) -> Argument:
     numeric = argument.type in INTEGER_RANGES or argument.type in FLOATS
     if numeric and (argument.minimum is None or argument.maximum is None):
         raise BadInput(f"{where}: a number needs min and max")
+    if numeric:
+        finite(f"{where}.min", argument.minimum)
+        finite(f"{where}.max", argument.maximum)
     if argument.type in INTEGER_RANGES:
         low, high = INTEGER_RANGES[argument.type]
         if argument.minimum < low or argument.maximum > high:  # type: ignore[operator]  # a number has both, checked above
@@ -120,15 +154,25 @@ def _check_default(where: str, argument: Argument, numeric: bool) -> None:
     default = argument.default
     if default is None:
         return
-    is_valid = True
-    if numeric:
-        is_valid = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]  # a number has both, checked above
-    elif argument.choices:
-        is_valid = any(c.name == default for c in argument.choices)
-    elif argument.type == "bool":
-        is_valid = isinstance(default, bool)
-    if not is_valid:
+    is_valid = _is_value_of(argument, default)
+    if not is_valid or (numeric and not argument.minimum <= default <= argument.maximum):  # type: ignore[operator]  # a number has both, checked above
         raise BadInput(f"{where}: default is not allowed", expected=argument.range_text, got=repr(default))
+
+
+def read_precondition(where: str, row: Row, fields: Mapping[str, Item]) -> Precondition:
+    """Return a precondition on one of the fields of housekeeping."""
+    known_keys(where, row, "field op value text")
+    if row["op"] not in OPERATORS:
+        raise BadInput(f"{where}: unknown operator", expected=" ".join(OPERATORS), got=str(row["op"]))
+    field, value = fields.get(row["field"]), row["value"]
+    if field is None:
+        raise BadInput(
+            f"{where}: precondition on an unknown field", expected="a housekeeping field", got=str(row["field"])
+        )
+    if not _is_value_of(field, value):
+        expected = " | ".join(c.name for c in field.choices) or f"a value of the type {field.type}"
+        raise BadInput(f"{where}: {field.name} cannot have this value", expected=expected, got=repr(value)[:80])
+    return Precondition(str(row["field"]), str(row["op"]), row["value"], str(row["text"]))
 
 
 def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
