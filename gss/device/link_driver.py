@@ -12,7 +12,7 @@ from gss.device.protocol.codec import BIG, LITTLE, STRUCTS, Decoded, EncodedComm
 from gss.device.session_events import DirectionCounters, Stage
 from gss.domain.errors import BadInput, CorruptData, NotFound
 from gss.instruments.dictionary.definitions import Dictionary, Group, Item, Layout, PacketDefinition, Value
-from gss.instruments.link_file import HeaderField, PacketFormat, Protocol
+from gss.instruments.link_file import SIZES, HeaderField, PacketFormat, Protocol
 
 ORDERS = {"big": BIG, "little": LITTLE}
 VARIABLE = ("text", "rest")
@@ -172,7 +172,8 @@ class LinkWire:
             return True
         field = next(f for f in form.header if f.holds == match)
         expected = request.order.command.code if match == "code" else request.request_id
-        return (header[field.name] & field.mask) == (expected & field.mask)
+        compared_bits = field.mask & ((1 << 8 * SIZES[field.type]) - 1)
+        return (header[field.name] & compared_bits) == (expected & compared_bits)
 
     def _read_answer(self, request: SensorRequest, header: Header, payload: bytes) -> Answer:
         accepted, name = self._protocol.accepted, request.order.command.name

@@ -169,6 +169,19 @@ def test_a_length_in_the_header_delimits_packets_and_the_id_finds_the_request() 
     assert session.counters.received.unframed == 2
 
 
+@pytest.mark.parametrize(("kind", "last"), [("u8", 0xFF), ("u16", 0xFFFF)])
+def test_request_numbers_continue_after_the_largest_number_of_their_field(kind: str, last: int) -> None:
+    """If the request number exceeds its header field, the response with its lower bits completes the request."""
+    link = PREFIXED.replace("type: u16, holds: request_id, mask: 0xFFFF", f"type: {kind}, holds: request_id")
+    session = session_of(link, PREFIXED_DICTIONARY)
+    session.restore(last, [])
+    for now_s in (0.0, 1.0):
+        session.submit(session.encode("GET", {}))
+        request = session.poll(now_s)[0]
+        response = request[:3] + bytes([request[3] + 2]) + request[4:] + b"\x34\x12"
+        assert stages(session.feed(response, now_s))[-1] is Stage.COMPLETED
+
+
 @pytest.mark.parametrize("noise", [b"", b"\x00", b"\x00\x1a\xcf\xfc"])
 @pytest.mark.parametrize("sync", [b"\x1b", b"\x1a\x1b", b"\x1a\xcf\x1d", b"\x1a\xcf\xfc\x1d"])
 def test_no_packet_is_lost_if_a_read_ends_inside_its_sync_mark(sync: bytes, noise: bytes) -> None:
