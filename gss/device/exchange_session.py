@@ -88,7 +88,9 @@ class ExchangeWire(Protocol):
 
 class ExchangeSession:
     """A :class:`gss.device.driver.Driver` for requests and responses. ``poll``: requests that the ground repeats;
-    ``greeting``: command that the ground repeats while the sensor sends no telemetry."""
+    ``greeting``: command that the ground repeats while the sensor sends no telemetry. ``by_order``: True if only the order
+    assigns a response to its request. After a timeout, nothing is then sent until the late response arrives or until the
+    timed-out command's ``accept_s`` has passed again. Otherwise a late response would be assigned to the next request."""
 
     stores_results = False
 
@@ -100,8 +102,9 @@ class ExchangeSession:
         pause_s: float = 0.0,
         greeting: str = "",
         transfers: ExchangeTransfers | None = None,
+        by_order: bool = False,
     ) -> None:
-        self._setup, self._wire, self._pause_s = setup, wire, pause_s
+        self._setup, self._wire, self._pause_s, self._by_order = setup, wire, pause_s, by_order
         self.framing = setup.framing or setup.link.framing
         self.transfers: ExchangeTransfers = transfers or NoTransfers()
         self._replies: list[bytes] = []
@@ -209,6 +212,8 @@ class ExchangeSession:
                 self._telemetry(answer, request, now_s)
             if request is not None and answer.stage is not None:
                 self._report(request, answer, now_s)
+            elif answer.stage in FINAL_STAGES:  # the late response to a request that timed out
+                self._free_s = min(self._free_s, now_s + self._pause_s)
         return self._take_events()
 
     def poll(self, now_s: float) -> tuple[bytes, list[SessionEvent]]:
@@ -233,7 +238,7 @@ class ExchangeSession:
             return
         timed_out = self._polled_until_s is not None and now_s >= self._polled_until_s
         if timed_out or any(event.request_id == current.request_id for event in events):
-            self._end(now_s)
+            self._end(now_s + (current.order.command.accept_s if self._by_order else 0.0))
 
     def _next(self, now_s: float) -> bytes:
         records, events = self._queue.release(now_s)

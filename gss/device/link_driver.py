@@ -24,7 +24,8 @@ def open_session(setup: UnitSetup) -> ExchangeSession:
     protocol = setup.link.protocol
     if protocol is None:
         raise BadInput("link.yaml has no protocol", expected="the driver link needs protocol: …", got=setup.instrument)
-    return ExchangeSession(setup, LinkWire(setup, protocol), protocol.poll, protocol.pause_s)
+    wire, by_order = LinkWire(setup, protocol), protocol.match == "order"
+    return ExchangeSession(setup, wire, protocol.poll, protocol.pause_s, by_order=by_order)
 
 
 class LinkWire:

@@ -212,6 +212,22 @@ def test_a_request_without_response_is_unknown_and_the_next_one_is_sent() -> Non
     assert stages(session.link_lost(2.0)) == [Stage.QUEUED, Stage.UNKNOWN]
 
 
+@pytest.mark.parametrize(("late", "sent_s"), [(True, 1.3), (False, 2.2)])
+def test_a_late_response_is_not_assigned_to_the_next_request(late: bool, sent_s: float) -> None:
+    """If only the order assigns responses, the next request waits after a timeout for the late response or for the
+    timeout again."""
+    session = session_of(NSP.replace("match: code", "match: order"), NSP_DICTIONARY)
+    session.submit(session.encode("PING", {}))
+    session.submit(session.encode("GO", {"what": 0x0B}))
+    assert session.poll(0.0)[0]
+    out, events = session.poll(1.1)
+    assert (out, stages(events)[-1]) == (b"", Stage.UNKNOWN)
+    if late:
+        assert stages(session.feed(bytes.fromhex("C0 11 0E 80 62 F8 C0"), 1.2)) == []
+    assert [bool(session.poll(now_s)[0]) for now_s in (sent_s - 0.15, sent_s)] == [False, True]
+    assert stages(session.feed(bytes.fromhex("C0 11 0E AB 0B A4 39 C0"), 2.5))[-1] is Stage.COMPLETED
+
+
 @settings(deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=12), st.booleans())
 def test_no_bytes_make_the_session_fail(pieces: list[bytes], pending: bool) -> None:
