@@ -1,7 +1,8 @@
 """YAML with line numbers: a parsed file together with the line of each field.
 
-Stricter than YAML 1.1: no aliases (a few bytes could expand to gigabytes), no duplicate keys, no dates. As in YAML 1.2,
-``1e-4`` is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes``, ``no`` and ``22:00`` are text.
+Stricter than YAML 1.1: no aliases (a few bytes could expand to gigabytes), no duplicate keys, no dates, no tags for
+other types. As in YAML 1.2, ``1e-4`` is a float, and only ``true`` and ``false`` are booleans: ``on``, ``off``, ``yes``,
+``no`` and ``22:00`` are text.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ MAX_BYTES = 1 << 20
 DEEPEST = 20
 BASE: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 BOOL = "tag:yaml.org,2002:bool"
+TAGS = (BOOL, *(f"tag:yaml.org,2002:{kind}" for kind in ("null", "int", "float", "str", "seq", "map")))
 FLOAT = re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$")
 SEXAGESIMAL = re.compile(r"^[-+]?[0-9][0-9_]*(?::[0-5]?[0-9])+(?:\.[0-9_]*)?$")
 Place = tuple[str | int, ...]
@@ -93,6 +95,8 @@ def _mark(name: str, node: yaml.Node, path: Place, lines: dict[Place, int], visi
     if id(node) in visited:
         raise BadInput(f"{name}, line {line}: aliases (*) are not supported; write the value again")
     visited.add(id(node))
+    if node.tag not in TAGS:
+        raise BadInput(f"{name}, line {line}: this tag is not supported", expected="a value without tag", got=node.tag)
     if len(path) > DEEPEST:
         raise BadInput(f"{name}, line {line}: nested more than {DEEPEST} levels deep")
     if isinstance(node, yaml.SequenceNode):

@@ -180,10 +180,15 @@ class Registry:
 
     def _own_instrument(self, name: str) -> Instrument:
         folder = self._own_folder() / name
-        signature = _signature(folder)
-        cached = self._read.get(name)
-        if cached is None or cached[0] != signature:
-            cached = self._read[name] = signature, _read_own(name, folder)
+        try:
+            signature = _signature(folder)
+            cached = self._read.get(name)
+            if cached is None or cached[0] != signature:
+                cached = self._read[name] = signature, _read_own(name, folder)
+        except OSError as error:  # not kept, because a change of the permissions does not change the signature
+            raise BadInput(
+                "the package cannot be read", got=str(error), hint="check the permissions of its files"
+            ) from None
         if isinstance(cached[1], GssError):
             raise cached[1]
         return cached[1]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.instruments import registry as registry_module
 from gss.instruments.marked_yaml import parse_yaml
 from gss.instruments.package import load_instrument
 from gss.instruments.package_source import MAX_FILE_BYTES, read_package_files, read_zip, write_folder, write_zip
@@ -80,7 +81,9 @@ def test_all_errors_of_a_file_are_reported_together() -> None:
         ("- 1\n", "mapping"),
         ("", "mapping"),
         ("[" * 200 + "]" * 200, "nested"),
-        ("a: !!python/object/apply:os.system [x]\n", "not YAML"),
+        ("a: !!python/object/apply:os.system [x]\n", "this tag is not supported"),
+        ("title: !!binary aGVsbG8=\n", "line 1: this tag is not supported"),
+        ("references: !!set {a, b}\n", "this tag is not supported"),
         ("<<: {a: 1}\n", "plain text"),
     ],
 )
@@ -225,3 +228,19 @@ def test_an_invalid_package_does_not_affect_the_others(tmp_path: Path) -> None:
         registry.add(CUBESTAR)
     with pytest.raises(NotFound, match="unknown instrument"):
         registry.get("unheard")
+
+
+def test_an_unreadable_package_does_not_affect_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package whose files cannot be read is listed as broken with the reason, until its permissions are changed."""
+    registry = Registry(tmp_path)
+    registry.add(renamed("mine"))
+    with monkeypatch.context() as patch:
+        patch.setattr(registry_module, "_signature", _not_permitted)
+        assert [b.name for b in registry.broken()] == ["mine"]
+        assert "Permission denied" in registry.broken()[0].reason
+        assert {i.name for i in registry.all()} == set(Registry().names())
+    assert registry.has("mine")
+
+
+def _not_permitted(folder: Path) -> None:
+    raise PermissionError(13, "Permission denied", str(folder))
