@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from gss.domain.errors import Conflict
+from gss.domain.errors import BadInput, Conflict
+from gss.instruments.dictionary.checked_values import check_argument
 from gss.instruments.dictionary.definitions import INTEGER_RANGES, Argument, Dictionary, Value, Values
 from gss.instruments.quantities import Strict
 
@@ -292,4 +293,8 @@ def check_operation(
     for name in row.fixed:
         if name not in names:
             return ("fixed", name), f"{command.name} has no argument {name}"
+        try:
+            check_argument(names[name], row.fixed[name])
+        except BadInput as error:
+            return ("fixed", name), str(error)
     return None

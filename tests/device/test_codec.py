@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.device.protocol.codec import check_argument, check_arguments, decode, encode
+from gss.device.protocol.codec import decode, encode
 from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.checked_values import check_argument, check_arguments
 from gss.instruments.dictionary.definitions import (
     INTEGER_RANGES,
     Argument,

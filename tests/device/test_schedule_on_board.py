@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from gss.device.protocol.codec import check_arguments, encode
+from gss.device.protocol.codec import encode
 from gss.device.session_events import CommandUpdate, Stage, Telemetry
+from gss.instruments.dictionary.checked_values import check_arguments
 from gss.instruments.package_files import UnitTiming
 
 if TYPE_CHECKING:

@@ -16,12 +16,13 @@ from lxml import etree
 from space_packet_parser.xtce.definitions import XtcePacketDefinition
 from space_packet_parser.xtce.validation import validate_xtce
 
-from gss.device.protocol.codec import F32_MAX, LITTLE, decode, encode, encode_command, fixed_bytes
+from gss.device.protocol.codec import LITTLE, decode, encode, encode_command, fixed_bytes
 from gss.device.protocol.packet import Packet, PacketType
 from gss.device.protocol.receiver import Deframer, decode_packet
 from gss.device.protocol.sender import encode_packet
 from gss.device.session_events import Stage
 from gss.device.xtce import xtce, xtce_of
+from gss.instruments.dictionary.checked_values import F32_MAX
 from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, Item, Layout, Value
 from gss.instruments.dictionary.definitions import PacketDefinition as PacketRow
 from gss.instruments.dictionary.read_dictionary import load_dictionary

@@ -51,6 +51,16 @@ def test_every_command_is_in_a_subsystem_that_has_a_permission() -> None:
             "TAKE_IMAGE has no argument place",
         ),
         (
+            "operations:\n  stop_cycle: {command: SET_MODE, fixed: {mode: stand_by}}\n",
+            "line 2: operations.stop_cycle.fixed.mode",
+            "mode has no such choice; expected standby |",
+        ),
+        (
+            "operations:\n  take_image: {command: TAKE_IMAGE, fixed: {exposure_ms: 9999}}\n",
+            "line 2: operations.take_image.fixed.exposure_ms",
+            "9999",
+        ),
+        (
             "operations:\n  take_image: {command: TAKE_IMAGE, arguments: {gain: {name: slot}}}\n",
             "line 2: operations.take_image.arguments.gain",
             "it has slot, exposure_s",

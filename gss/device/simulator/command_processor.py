@@ -11,12 +11,13 @@ from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 
-from gss.device.protocol.codec import check_arguments, decode, encode, fixed_bytes
+from gss.device.protocol.codec import decode, encode, fixed_bytes
 from gss.device.protocol.packet import Packet, PacketType
 from gss.device.simulator.memory import Memory, StoredRequest
 from gss.device.simulator.outbox import Outbox, short_text
 from gss.device.simulator.rejection import Rejection
 from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.checked_values import check_arguments
 from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, Value
 
 MAX_WAITING = 4

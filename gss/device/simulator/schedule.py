@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from gss.device.protocol.codec import check_arguments, decode, fixed_bytes
+from gss.device.protocol.codec import decode, fixed_bytes
 from gss.device.simulator.command_processor import Arguments, CommandProcessor, Handler, Returns
 from gss.device.simulator.flash_record import ScheduleEntry
 from gss.device.simulator.memory import Memory
@@ -14,6 +14,7 @@ from gss.device.simulator.outbox import Outbox
 from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.reports import Report
 from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.checked_values import check_arguments
 from gss.instruments.dictionary.definitions import Dictionary
 
 MAX_WAITING = 16

@@ -15,10 +15,10 @@ from sgp4.api import jday
 from gss.catalogue_tools.corrections.ephemeris import teme_from_icrs
 from gss.catalogue_tools.envelope.ellipse import EARTH_RADIUS_M
 from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
-from gss.device.protocol.codec import check_arguments
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import orbit_from_icrs
+from gss.instruments.dictionary.checked_values import check_arguments
 from gss.instruments.operations import Operation, StandardOperations
 from gss.operations.line.clock_correlation import Correlation
 from gss.operations.transfers.bank_history import BankHistoryService

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from gss.device.protocol.codec import check_arguments
 from gss.domain.errors import BadInput, GssError
 from gss.domain.expressions import parse
+from gss.instruments.dictionary.checked_values import check_arguments
 from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, CommandDefinition, Value
 from gss.instruments.operations import Operation, StandardOperations
 from gss.operations.commanding.command_checks import risk_of
