@@ -10,12 +10,11 @@ from gss.device.exchange_session import Answer, ExchangeSession, SensorRequest
 from gss.device.link_framing import framer_of
 from gss.device.protocol.codec import BIG, LITTLE, STRUCTS, Decoded, EncodedCommand, decode, encode_command, fixed_bytes
 from gss.device.session_events import DirectionCounters, Stage
-from gss.domain.errors import BadInput, CorruptData, NotFound
-from gss.instruments.dictionary.definitions import Dictionary, Group, Item, Layout, PacketDefinition, Value
-from gss.instruments.link_file import SIZES, HeaderField, PacketFormat, Protocol
+from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.definitions import Group, Layout, PacketDefinition, Value
+from gss.instruments.link_file import SIZES, HeaderField, PacketFormat, Protocol, check_protocol, is_variable
 
 ORDERS = {"big": BIG, "little": LITTLE}
-VARIABLE = ("text", "rest")
 Header = Mapping[str, int]
 
 
@@ -41,7 +40,7 @@ class LinkWire:
         self._check_bytes, self._check_order = 0, check.byte_order if check else "big"
         if check is not None:
             self._calculate, self._check_bytes = checksum_named(check.name, check.seed)
-        _check_names(self._dictionary, protocol)
+        check_protocol(setup.link, self._dictionary)
         self._request: SensorRequest | None = None
         self._echo: bytes | None = None
         self.good = self.bad_crc = self.too_short = self.unknown = self.undecodable = 0
@@ -112,8 +111,8 @@ class LinkWire:
         overhead = self._protocol.response.header_bytes + self._check_bytes
         if self._request is not None:
             layout = self._layout(self._request)
-            return () if _is_variable(layout) else (overhead + _size(layout),)
-        return tuple(overhead + _size(p.fields) for p in self._dictionary.telemetry if not _is_variable(p.fields))
+            return () if is_variable(layout) else (overhead + _size(layout),)
+        return tuple(overhead + _size(p.fields) for p in self._dictionary.telemetry if not is_variable(p.fields))
 
     def _layout(self, request: SensorRequest) -> Layout:
         packet = self._protocol.answers.get(request.order.command.name)
@@ -253,25 +252,7 @@ def _carries(form: PacketFormat, header: Header, name: str, code: int) -> bool:
     return name in form.codes or (field is not None and (header[field.name] & field.mask) == code)
 
 
-def _is_variable(layout: Layout) -> bool:
-    return any(e.type in VARIABLE if isinstance(e, Item) else not e.slots for e in layout)
-
-
 def _size(layout: Layout) -> int:
     """Return the size of a layout without items of variable length, in bytes."""
     lists = [e for e in layout if isinstance(e, Group)]
     return fixed_bytes(layout) + sum(STRUCTS[BIG][e.count].size + e.slots * fixed_bytes(e.items) for e in lists)
-
-
-def _check_names(dictionary: Dictionary, protocol: Protocol) -> None:
-    """Raise BadInput if ``link.yaml`` names a command or packet that the dictionary does not have."""
-    try:
-        for command, packet in protocol.answers.items():
-            dictionary.command(command)
-            dictionary.packet(packet)
-        for row in protocol.poll:
-            dictionary.command(row.command)
-        for command in protocol.request.codes:
-            dictionary.command(command)
-    except NotFound as error:
-        raise BadInput(f"link.yaml: {error.message}", expected=error.expected, got=error.got) from error

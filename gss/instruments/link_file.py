@@ -7,6 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from gss.domain.errors import BadInput, NotFound
+from gss.instruments.dictionary.definitions import Dictionary, Item, Layout
 from gss.instruments.quantities import Noted, Strict
 
 Positive = Annotated[float, Field(gt=0, le=1e12)]
@@ -14,6 +16,7 @@ ByteOrder = Literal["big", "little"]
 ShortName = Annotated[str, Field(min_length=1, max_length=60)]
 Whole = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
 HexBytes = Annotated[str, Field(pattern=r"^[0-9A-Fa-f]{2}( ?[0-9A-Fa-f]{2}){0,7}$")]
+VARIABLE = ("text", "rest")
 SIZES = {"u8": 1, "u16": 2, "u32": 4}
 
 
@@ -168,3 +171,36 @@ class LinkFile(Noted):
         if self.framing == "length_prefixed" and not any(f.holds == "length" for f in protocol.response.header):
             raise ValueError("framing length_prefixed needs a length in the response's header")
         return self
+
+
+def is_variable(layout: Layout) -> bool:
+    """True if the size of a layout depends on its content."""
+    return any(e.type in VARIABLE if isinstance(e, Item) else not e.slots for e in layout)
+
+
+def check_protocol(link: LinkFile, dictionary: Dictionary) -> None:
+    """Raise BadInput if the protocol names a command or packet that the dictionary does not have, or if the framing cannot
+    delimit a packet of the dictionary."""
+    protocol = link.protocol
+    if protocol is None:
+        return
+    try:
+        for command, packet in protocol.answers.items():
+            dictionary.command(command)
+            dictionary.packet(packet)
+        for row in protocol.poll:
+            dictionary.command(row.command)
+        for command in protocol.request.codes:
+            dictionary.command(command)
+    except NotFound as error:
+        raise BadInput(f"link.yaml: {error.message}", expected=error.expected, got=error.got) from error
+    if link.framing not in ("sync_and_trailer", "none") or (protocol.sync is None and protocol.trailer is None):
+        return
+    layouts = {c.name: c.returns for c in dictionary.commands if c.name not in protocol.answers}
+    for name, layout in (layouts | {p.name: p.fields for p in dictionary.telemetry}).items():
+        if is_variable(layout):
+            raise BadInput(
+                f"link.yaml: the framing {link.framing} needs packets of fixed size",
+                expected="values of fixed size, or the framing length_prefixed",
+                got=f"{name} of variable size",
+            )

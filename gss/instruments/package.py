@@ -17,6 +17,7 @@ from gss.instruments.camera_file import CameraFile
 from gss.instruments.dictionary.definitions import Dictionary
 from gss.instruments.dictionary.read_dictionary import read_dictionary, shared_dictionary
 from gss.instruments.dictionary.read_xtce import dictionary_of
+from gss.instruments.link_file import check_protocol
 from gss.instruments.marked_yaml import MarkedYaml, parse_yaml
 from gss.instruments.package_files import CatalogueFile, InstrumentFile, LinkFile, SimulatorFile
 from gss.instruments.package_source import Files, is_package_file
@@ -71,6 +72,7 @@ def load_instrument(files: Files, *, shipped: bool = False) -> Instrument:
     catalogue = _optional(marked, "catalogue.yaml", CatalogueFile)
     simulator = _optional(marked, "simulator.yaml", SimulatorFile)
     dictionary = _dictionary(about, marked["instrument.yaml"], files, link)
+    check_protocol(link, dictionary)
     return Instrument(
         about,
         _version(marked, files, dictionary),

@@ -272,6 +272,18 @@ def test_names_that_the_dictionary_lacks_are_rejected() -> None:
         session_of(PREFIXED.replace("GET: state", "GET: nothing"), PREFIXED_DICTIONARY)
 
 
+@pytest.mark.parametrize("framing", ["sync_and_trailer", "none"])
+def test_a_packet_that_the_framing_cannot_delimit_is_rejected(framing: str) -> None:
+    """Between marks and without a length in the header, a packet of variable size is rejected with its name."""
+    link = NSP.replace("framing: slip", f"framing: {framing}").replace(
+        "match:", 'sync: "A5"\n  trailer: "5A"\n  match:'
+    )
+    fixed = NSP_DICTIONARY.replace(",\n     returns: [{name: text, type: rest}]", "")
+    assert session_of(link, fixed)
+    with pytest.raises(BadInput, match=r"link\.yaml.*fixed size.*got PING of variable size"):
+        session_of(link, NSP_DICTIONARY)
+
+
 def test_drivers_are_found_by_name() -> None:
     """A driver is found by its name. The error for an unknown name lists the installed drivers."""
     assert driver_named("link") is open_session

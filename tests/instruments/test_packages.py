@@ -158,6 +158,17 @@ def archive(entries: dict[str, bytes]) -> bytes:
     return out.getvalue()
 
 
+def test_a_link_that_does_not_fit_the_dictionary_is_rejected() -> None:
+    """A package whose link.yaml names an unknown packet, or whose framing cannot delimit a packet, is rejected."""
+    files = read_package_files(SHIPPED / "nos3")
+    unknown = files["link.yaml"].replace(b": housekeeping", b": state")
+    with pytest.raises(BadInput, match=r"link\.yaml: unknown telemetry packet"):
+        load_instrument({**files, "link.yaml": unknown})
+    variable = files["dictionary.yaml"].replace(b"type: u32", b"type: text", 1)
+    with pytest.raises(BadInput, match=r"link\.yaml: the framing sync_and_trailer needs packets of fixed size"):
+        load_instrument({**files, "dictionary.yaml": variable})
+
+
 def test_an_archive_gives_the_same_package() -> None:
     """An archive, with or without an enclosing folder, has the same version as its files."""
     version = load_instrument(CUBESTAR).version
