@@ -81,6 +81,7 @@ export class FrameView {
   private async read(id: number | 'latest'): Promise<void> {
     const own = ++this.generation;
     this.loading = true;
+    let detail: FrameDetail | null = null;
     try {
       const frameId = id === 'latest' ? await latestId() : id;
       if (own !== this.generation) return;
@@ -91,10 +92,11 @@ export class FrameView {
       }
       const isOther = frameId !== this.detail?.id;
       const isMissing = isOther || !this.image;
+      if (isOther) this.problem = '';
       if (this.download?.frameId !== frameId) this.endDownload();
       const running = this.download;
       const started = isOther && !running ? this.startDownload(frameId) : null;
-      const detail = await api.frame(frameId);
+      detail = await api.frame(frameId);
       if (own !== this.generation) return;
       const continued = running?.contains(detail.sha256) ? running : null;
       const download = started ?? continued ?? (isMissing ? this.startDownload(frameId) : null);
@@ -109,10 +111,17 @@ export class FrameView {
     } catch (error) {
       if (own !== this.generation) return;
       this.endDownload();
+      if (id !== 'latest' && this.detail?.id !== id) this.clear();
+      if (id !== 'latest' && detail) this.showResults(detail, id); // the pixels can have been removed
       this.problem = problemText(error);
     } finally {
       if (own === this.generation) this.loaded();
     }
+  }
+
+  private clear(): void {
+    this.detail = this.image = this.histogram = this.solution = this.selected = this.shown = null;
+    this.beforePreview = undefined;
   }
 
   private showResults(detail: FrameDetail, id: number | 'latest'): void {
