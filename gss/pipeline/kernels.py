@@ -97,6 +97,9 @@ class Kernels:
 
 
 NUMPY = Kernels()
+_marked: set[Path] = set()
+"""Folders whose mark this process has seen. A process that has loaded compiled loops keeps them, so each solution saves
+an access to the disk."""
 
 
 def kernels(fast: bool | None = None) -> Kernels:
@@ -108,7 +111,11 @@ def kernels(fast: bool | None = None) -> Kernels:
 def are_compiled() -> bool:
     """True if ``gss compile`` has compiled the present loops for this processor. False if they cannot be stored."""
     folder = cache_folder() if AVAILABLE else None
-    return folder is not None and os.path.exists(f"{folder}/{MARK}")  # faster than a Path, and called for each solution
+    if folder is None:
+        return False
+    if folder not in _marked and os.path.exists(folder / MARK):
+        _marked.add(folder)
+    return folder in _marked
 
 
 def compiled_mark() -> Path:

@@ -101,7 +101,7 @@ def solve_known(
             hint="name the camera that took it, or solve it with its field of view or blind",
         )
     trace = Trace(clock)
-    fast = are_compiled() if fast is None else fast  # needs a disk access
+    fast = are_compiled() if fast is None else fast
     with trace.stage("detect"):
         detections = find_stars(
             pixels,
