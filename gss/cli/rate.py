@@ -22,12 +22,18 @@ def register(subparsers: Commands) -> None:
     """Add the command to the parser."""
     parser = subparsers.add_parser(
         "rate",
-        description="Measure the angular rate between successive images from their stars alone, without a catalogue. Exit "
+        description="Measure the angular rate between successive images from their stars alone, without a catalogue. "
+        "Rotations of more than 180° between two images cannot be distinguished from smaller ones in the opposite direction. Exit "
         "code 0: a rate between all images, 2: bad input, 3: no rate between at least two images.",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="images in time order (FITS, PNG, TIFF, JPEG)")
     parser.add_argument("--camera", required=True, metavar="INSTRUMENT", help=f"calibrated camera: {CAMERA_HELP}")
-    parser.add_argument("--interval", type=float, metavar="S", help="seconds between images without time stamps")
+    parser.add_argument(
+        "--interval",
+        type=float,
+        metavar="S",
+        help="seconds between images without time stamps, or with time stamps too coarse to differ",
+    )
     parser.add_argument(
         "--method",
         default="auto",

@@ -65,7 +65,10 @@ def register(subparsers: Commands) -> None:
         help="the files are a sequence: each solution is the hint of the next, and rates are reported (with --camera)",
     )
     parser.add_argument(
-        "--interval", type=float, metavar="S", help="seconds between the images of a sequence without time stamps"
+        "--interval",
+        type=float,
+        metavar="S",
+        help="seconds between the images of a sequence without time stamps, or with time stamps too coarse to differ",
     )
     parser.add_argument(
         "--truth",

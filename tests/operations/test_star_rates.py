@@ -26,7 +26,9 @@ START = cam_from_icrs(1.4, 0.05, 0.3)
 RATE_DEG_S = (0.3, -0.4, 0.6)
 
 
-def frames(rate_deg_s: tuple[float, float, float], count: int = 3, interval_s: float = 1.0) -> list[Array]:
+def frames(
+    rate_deg_s: tuple[float, float, float], count: int = 3, interval_s: float = 1.0, trails: bool = True
+) -> list[Array]:
     """Return images of a camera that rotates at a constant rate."""
     rate, camera, sensor = np.radians(rate_deg_s), PROFILE.camera, PROFILE.sensor
     return [
@@ -37,7 +39,7 @@ def frames(rate_deg_s: tuple[float, float, float], count: int = 3, interval_s: f
             rotation_from_vector(-rate * interval_s * k) @ START,
             sensor.exposure_s,
             np.random.default_rng(k),
-            rate_rad_s=rate,
+            rate_rad_s=rate * trails,
         ).pixels
         for k in range(count)
     ]
@@ -74,6 +76,23 @@ def test_the_rate_scales_with_the_time_between_images() -> None:
     assert record["rate"]["interval_s"] == 1.0
     assert record["method"] == "rate"
     assert record["rate"]["deg_s"] == pytest.approx(RATE_DEG_S, abs=0.02)
+
+
+def test_equal_time_stamps_give_the_rate_of_the_stated_interval() -> None:
+    """From the first two images with equal time stamps on, the stamps are too coarse, and the stated interval is used."""
+    sequencer, start = StarRateSequencer(PROFILE, 0.5), datetime(2026, 1, 1, tzinfo=UTC)
+    images = frames(RATE_DEG_S, 3, 0.5)
+    records = [sequencer.measure(image, start + timedelta(seconds=k // 2)) for k, image in enumerate(images)]
+    assert [r["rate"]["interval_s"] for r in records[1:] if r["rate"]] == [0.5, 0.5]
+
+
+def test_a_rotation_without_a_unique_direction_gives_no_rate_and_the_next_pair_does() -> None:
+    """A rotation of 175° between two images gives no rate, and the reason. The sequence continues."""
+    still, turned = frames((0.0, 0.0, 175.0), 2, trails=False)
+    sequencer = StarRateSequencer(PROFILE, 1.0)
+    records = [sequencer.measure(image) for image in (still, turned, turned)]
+    assert [r["rate"] is not None for r in records] == [False, False, True]
+    assert "too large to determine its direction" in records[1]["reason"]
 
 
 def test_images_without_common_stars_give_no_rate_and_the_next_pair_does() -> None:

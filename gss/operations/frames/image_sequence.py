@@ -48,17 +48,33 @@ class TruthRecord(TypedDict):
     error_roll_arcsec: float
 
 
+class Intervals:
+    """Times between successive images. ``stated_s``: time between images without time stamps. It is also used from the first
+    two images with equal time stamps on, because the stamps are then too coarse."""
+
+    def __init__(self, stated_s: float | None) -> None:
+        if stated_s is not None and not stated_s > 0:
+            raise BadInput("interval is out of range", expected="above 0 s", got=f"{stated_s:g} s")
+        self._stated_s, self._is_coarse = stated_s, False
+
+    def between(self, earlier: datetime | None, later: datetime | None) -> float | None:
+        """Return the seconds between two images, None if unknown."""
+        if earlier is None or later is None:
+            return self._stated_s
+        if self._stated_s is not None and earlier == later:
+            self._is_coarse = True
+        return self._stated_s if self._is_coarse else (later - earlier).total_seconds()
+
+
 class Sequencer:
     """Solves images one after another. ``follow``: True to use each solution as the hint for the next image, False to use
     ``hint`` for all images.
 
-    ``interval_s``: time between images without timestamps. If a tracked image is not solved, it is tried again without a hint.
+    ``interval_s``: see :class:`Intervals`. If a tracked image is not solved, it is tried again without a hint.
     """
 
     def __init__(self, follow: bool, interval_s: float | None, hint: BoundedPrior | None) -> None:
-        if interval_s is not None and not interval_s > 0:
-            raise BadInput("interval is out of range", expected="above 0 s", got=f"{interval_s:g} s")
-        self._follow, self._interval_s, self._hint = follow, interval_s, hint
+        self._follow, self._intervals, self._hint = follow, Intervals(interval_s), hint
         self._before: tuple[Attitude, datetime | None] | None = None
         self._system: SystemSequencer | None = None
 
@@ -105,7 +121,7 @@ class Sequencer:
         if attitude is None or self._before is None:
             return None
         before, taken_before = self._before
-        interval_s = (taken_at - taken_before).total_seconds() if taken_at and taken_before else self._interval_s
+        interval_s = self._intervals.between(taken_before, taken_at)
         if interval_s is None or interval_s <= 0:
             return None
         try:

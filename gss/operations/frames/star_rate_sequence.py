@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
-from gss.operations.frames.image_sequence import RateRecord, rate_record
+from gss.operations.frames.image_sequence import Intervals, RateRecord, rate_record
 from gss.pipeline.chains.far_mst_detect import find_centroids
 from gss.pipeline.chains.far_mst_parameters import default_parameters
 from gss.pipeline.chains.options import with_options
@@ -36,7 +36,7 @@ class StarRateRecord(TypedDict):
 
 
 class StarRateSequencer:
-    """Measures the rate between successive images. ``interval_s``: time between images without time stamps. ``method``: matcher
+    """Measures the rate between successive images. ``interval_s``: see :class:`Intervals`. ``method``: matcher
     between frames. ``options``: changed constants of the chain far_mst. After an image without a rate, the next rate is
     measured relative to that image, without an expected rotation."""
 
@@ -47,9 +47,7 @@ class StarRateSequencer:
         method: str = "auto",
         options: Mapping[str, str] | None = None,
     ) -> None:
-        if interval_s is not None and not interval_s > 0:
-            raise BadInput("interval is out of range", expected="above 0 s", got=f"{interval_s:g} s")
-        self._profile, self._interval_s, self._method = profile, interval_s, method
+        self._profile, self._intervals, self._method = profile, Intervals(interval_s), method
         self._options = options or {}
         self._before: tuple[Centroids, datetime | None] | None = None
         self._rate: Rate | None = None
@@ -76,7 +74,7 @@ class StarRateSequencer:
             before[0], stars, camera, parameters, self._interval(before[1], taken_at), self._used_method(), self._rate
         )
         self._rate = measured.rate
-        return _record(stars, measured, measured.relative.reason)
+        return _record(stars, measured, measured.reason)
 
     def _used_method(self) -> str:
         """Return the matcher. The rate match needs the rate of the previous interval; without one, the matcher is selected by
@@ -84,7 +82,7 @@ class StarRateSequencer:
         return "auto" if self._method == "rate" and self._rate is None else self._method
 
     def _interval(self, earlier: datetime | None, later: datetime | None) -> float:
-        interval_s = (later - earlier).total_seconds() if earlier and later else self._interval_s
+        interval_s = self._intervals.between(earlier, later)
         if interval_s is None or interval_s <= 0:
             got = "none" if interval_s is None else f"{interval_s:g} s"
             raise BadInput("the time between two images is unknown", expected="above 0 s", got=got, hint="state it")
