@@ -74,6 +74,36 @@ def test_the_time_of_a_fits_file_can_be_in_two_cards(cards: dict[str, object]) -
     assert fits_file(cards).taken_at == datetime(2026, 11, 30, 21, 15, 0, 500_000, tzinfo=UTC)
 
 
+@pytest.mark.parametrize(
+    ("scale", "time"),
+    [
+        ("UTC", "21:15:00.500"),
+        ("utc(NIST)", "21:15:00.500"),
+        (" ", "21:15:00.500"),
+        ("GPS", "21:15:18.500"),
+        ("TAI", "21:15:37.500"),
+        ("TT(TAI)", "21:16:09.684"),
+        ("ET", "21:16:09.684"),
+        ("TDB", "21:16:09.683"),
+        ("TCG", "21:16:10.782"),
+        ("TCB", "21:16:34.106"),
+    ],
+)
+def test_the_time_of_a_fits_file_is_in_its_scale(scale: str, time: str) -> None:
+    """The scale TIMESYS is converted to UTC within a millisecond. The values are those of astropy."""
+    taken = fits_file({"DATE-OBS": f"2026-11-30T{time}", "TIMESYS": scale}).taken_at
+    assert taken is not None
+    assert abs((taken - datetime(2026, 11, 30, 21, 15, 0, 500_000, tzinfo=UTC)).total_seconds()) < 1e-3
+
+
+@pytest.mark.parametrize("scale", ["UT1", "LOCAL", "TBD", 5])
+def test_a_time_in_an_unknown_scale_is_unknown(scale: str | int) -> None:
+    """A time in a scale that cannot be converted is unknown. The texts of the header are kept."""
+    frame = fits_file({"DATE-OBS": "2026-11-30T21:15:00", "TIMESYS": scale})
+    assert frame.taken_at is None
+    assert (frame.source["date-obs"], frame.source["timesys"]) == ("2026-11-30T21:15:00", str(scale))
+
+
 @pytest.mark.parametrize("more", [{}, {"UT": "24:61:00"}, {"UT": "21"}, {"TIME-OBS": 21.25}])
 def test_a_date_alone_is_an_unknown_time(more: dict[str, object]) -> None:
     """A date without a readable time is not midnight. The text of the header is kept."""

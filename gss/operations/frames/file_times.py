@@ -7,6 +7,8 @@ from datetime import UTC, date, datetime
 from typing import Any
 
 FIRST_YEAR, LAST_YEAR = 1900, 2200
+UTC_NAMES, TAI_NAMES, TT_NAMES = ("UTC", "UT", "GMT"), ("TAI", "IAT"), ("TT", "TDT", "ET")
+GPS_BEHIND_TAI_S = 19.0
 DIGITS, OFFSET = re.compile(r"[0-9]+"), re.compile(r"[+-](?:0[0-9]|1[0-4]):[0-5][0-9]")
 
 
@@ -23,8 +25,8 @@ def exif_time(exif: Any, inner: Any) -> datetime | None:
 
 
 def fits_time(header: Any) -> datetime | None:
-    """Return the UTC time of a FITS header: DATE-OBS, with TIME-OBS or UT if it is only a date. None if no date is stated.
-    Raises ValueError if the time is missing, unreadable or implausible."""
+    """Return the UTC time of a FITS header: DATE-OBS, with TIME-OBS or UT if it is only a date, in the scale TIMESYS. None if no
+    date is stated. Raises ValueError if the time is missing, unreadable or implausible, or its scale is unknown."""
     text = header.get("DATE-OBS")
     if not isinstance(text, str) or not text:
         return None
@@ -33,7 +35,44 @@ def fits_time(header: Any) -> datetime | None:
         times = (header.get(key) for key in ("TIME-OBS", "UT"))
         text += "T" + next((time.strip() for time in times if isinstance(time, str) and ":" in time), "")
     when = datetime.fromisoformat(text)
-    return _plausible(when.replace(tzinfo=UTC) if when.tzinfo is None else when)
+    if when.tzinfo is None:
+        # A realization may follow the scale, for example TT(TAI).
+        when = _utc(when, str(header.get("TIMESYS", "UTC")).partition("(")[0].strip().upper() or "UTC")
+    return _plausible(when)
+
+
+def _utc(when: datetime, scale: str) -> datetime:
+    """Convert a time to UTC from a scale of the FITS standard 4.0, table 30. Raises ValueError for UT1, whose difference from
+    UTC is measured, and for local and unknown scales."""
+    if scale in UTC_NAMES:
+        return when.replace(tzinfo=UTC)
+    import erfa  # type: ignore[import-untyped]  # the package has no types
+
+    # The conversions do not use the scale's name here, except for UTC, whose days can have another length.
+    moment = erfa.dtf2d(
+        "", when.year, when.month, when.day, when.hour, when.minute, when.second + when.microsecond / 1e6
+    )
+    if scale == "GPS":
+        moment = moment[0], moment[1] + GPS_BEHIND_TAI_S / erfa.DAYSEC
+    elif scale not in TAI_NAMES:
+        moment = erfa.tttai(*_terrestrial(moment, scale))
+    year, month, day, (hour, minute, second, microsecond) = erfa.d2dtf("UTC", 6, *erfa.taiutc(*moment))
+    return datetime(year, month, day, hour, minute, second, microsecond, UTC)
+
+
+def _terrestrial(moment: tuple[float, float], scale: str) -> tuple[float, float]:
+    """Convert a Julian date in two parts to TT from TT, TDB, TCG or TCB."""
+    import erfa
+
+    if scale == "TCB":
+        moment, scale = erfa.tcbtdb(*moment), "TDB"
+    if scale == "TDB":
+        moment, scale = erfa.tdbtt(*moment, erfa.dtdb(*moment, 0.0, 0.0, 0.0, 0.0)), "TT"
+    if scale == "TCG":
+        moment, scale = erfa.tcgtt(*moment), "TT"
+    if scale not in TT_NAMES:
+        raise ValueError(f"unknown time scale {scale}")
+    return moment
 
 
 def _is_date(text: str) -> bool:

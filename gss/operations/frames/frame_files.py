@@ -277,7 +277,7 @@ def _fits_meta(header: Any) -> JsonObject:
     try:
         meta["taken_at"] = fits_time(header)
     except ValueError:
-        meta["date-obs"] = header["DATE-OBS"]
+        meta |= {key.lower(): header[key] for key in ("DATE-OBS", "TIMESYS") if key in header}
     if header.get("GSSABERR") is False:
         meta[WITHOUT_ABERRATION] = "yes"
     for key in ("INSTRUME", "TELESCOP", "OBJECT"):
