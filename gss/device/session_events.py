@@ -187,11 +187,6 @@ class HelloReceived:
     last_request_id: int
     device_time_s: float
 
-    @property
-    def unit(self) -> str:
-        """Name of the unit: its serial number, or instrument and model if the protocol does not report one."""
-        return self.serial or f"{self.profile} {self.device_model}"
-
 
 @dataclass(frozen=True)
 class DirectionCounters:

@@ -15,7 +15,7 @@ from gss.domain.errors import NotFound
 from gss.domain.json_object import JsonObject
 from gss.store import paging
 from gss.store.engine import Database
-from gss.store.models import Choice, Command, CommandStage, Contact, Device
+from gss.store.models import Choice, Command, CommandStage
 
 USED_IDS = "request_ids.used"
 MAX_ID = 0xFFFF_FFFE
@@ -111,12 +111,6 @@ def get(session: Session, command_id: int) -> Command:
 def by_request(session: Session, request_id: int) -> Command | None:
     """Return the newest command that used that request id."""
     return session.scalar(select(Command).where(Command.request_id == request_id).order_by(Command.id.desc()).limit(1))
-
-
-def unit_of(session: Session, row: Command) -> str:
-    """Return the name of the unit that answered in the contact of a command; "" if this is not known."""
-    query = select(Device.name).join(Contact, Contact.device_id == Device.id).where(Contact.id == row.contact_id)
-    return session.scalar(query) or ""
 
 
 def page(session: Session, filters: Filter, limit: int, before: int | None = None) -> list[Command]:

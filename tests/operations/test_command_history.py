@@ -279,23 +279,6 @@ def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
     assert console.end(console.commands.retry(status.id, user="ann")).result == "completed"
 
 
-def test_after_a_restart_a_command_is_not_resent_to_another_unit(make_console):
-    """If another unit answers after a restart, the retry is rejected, and it succeeds when the command's unit is back."""
-    first = make_console(serial="FM-1")
-    first.sensor.deaf = True
-    row = first.end(first.send("TAKE_IMAGE"))
-
-    other = make_console(serial="FM-2")
-    frames = other.sensor.memory.record.frames
-    with pytest.raises(Conflict, match="sent to another unit") as caught:
-        other.commands.retry(row.id, user="ann")
-    assert (caught.value.expected, caught.value.got) == ("FM-1", "FM-2")
-    assert (other.commands.get(row.id).result, other.sensor.memory.record.frames) == ("unknown", frames)
-
-    back = make_console(serial="FM-1")
-    assert back.end(back.commands.retry(row.id, user="ann")).result == "completed"
-
-
 def test_a_command_is_not_resent_to_a_sensor_that_stores_no_results(console, monkeypatch):
     """A sensor that stores no results would execute a repeated command again. A retry is rejected unless the command is
     idempotent."""

@@ -152,14 +152,6 @@ def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
     raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)
 
 
-def check_same_unit(unit: str, hello: HelloReceived | None) -> None:
-    """Raise Conflict unless the unit to which a command was sent is the last one that answered. ``unit``: its name, "" if it is
-    not known."""
-    answered = hello.unit if hello is not None else "no unit yet"
-    if unit not in ("", answered):
-        raise Conflict("the command was sent to another unit", expected=unit, got=answered)
-
-
 def stores_result(session: Driver, request_id: int) -> bool:
     """True if the device still stores the result of a request id, and does not execute the command again."""
     return session.stores_results and 0 < session.next_request_id - request_id <= REMEMBERED_IDS

@@ -21,7 +21,6 @@ from gss.operations.commanding.command_checks import (
     DryRun,
     PreconditionState,
     check_confirmation,
-    check_same_unit,
     check_unit,
     precondition_states,
     risk_of,
@@ -267,8 +266,6 @@ class CommandService:
                 got=f"{row.request_id}, the next is {self._link.session.next_request_id}",
                 hint="check telemetry, mark the command resolved, and send a new one if it was not executed",
             )
-        with self._database.unit_of_work() as session:
-            check_same_unit(store.unit_of(session, row), self._link.last_hello)
         self._authority.require(user)
         # The retry is recorded first, because a command that cannot be recorded must not be sent.
         row = self._recorder.requeue(row.id, f"retry by {user}")
