@@ -32,8 +32,8 @@ from gss.instruments.dictionary.definitions import Dictionary, Value
 from gss.instruments.package import Instrument
 from gss.instruments.package_files import DRIVERS, LinkFile
 
-InFlight = tuple[int, EncodedCommand]
-"""(request id, command)."""
+InFlight = tuple[int, EncodedCommand, str | None]
+"""(request id, command, serial number of the unit to which it was sent; None: not known)."""
 
 
 class DriverTransfers(Protocol):
@@ -98,6 +98,8 @@ class Driver(Protocol):
     def check_allowed(self, name: str) -> None: ...
 
     def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]: ...
+
+    def check_retry(self, request_id: int) -> None: ...
 
     def retry(self, request_id: int, now_s: float) -> None: ...
 

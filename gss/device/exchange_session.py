@@ -151,8 +151,12 @@ class ExchangeSession:
         """Return the packet before framing as labelled groups (dry run)."""
         return self._wire.parts(SensorRequest(self._ids.following, order))
 
+    def check_retry(self, request_id: int) -> None:
+        """Raise Conflict or NotFound if the command cannot be retried."""
+        self._queue.check_retry(request_id)
+
     def retry(self, request_id: int, now_s: float) -> None:
-        """Send the same command again. Raises Conflict unless the command's stage is UNKNOWN."""
+        """Send the same command again; see ``check_retry``."""
         self._events.append(self._queue.retry(request_id))
 
     def withdraw(self, request_id: int, detail: str) -> CommandUpdate:
@@ -173,9 +177,9 @@ class ExchangeSession:
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
         """Set the next ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and can be retried."""
         self._ids.following = next_request_id
-        for request_id, order in in_flight:
+        for request_id, order, unit in in_flight:
             self._orders[request_id] = order
-            self._events.append(self._queue.add_unknown(request_id, order))
+            self._events.append(self._queue.add_unknown(request_id, order, unit))
 
     def transfer(self, transfer_id: int) -> TransferUpdate:
         """Return the state of a transfer. Raises NotFound."""

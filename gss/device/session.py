@@ -114,8 +114,12 @@ class HostSession:
         packet = self._sender.next_packet(PacketType.COMMAND, code, self._ids.following, payload)
         return [*labelled_bytes(packet), *order.groups, ("CRC-32", packet[-CRC_BYTES:])]
 
+    def check_retry(self, request_id: int) -> None:
+        """Raise Conflict or NotFound if the command cannot be retried; see ``CommandQueue.check_retry``."""
+        self._command_queue.check_retry(request_id)
+
     def retry(self, request_id: int, now_s: float) -> None:
-        """Send the same bytes with the same id again. Raises Conflict unless the command's stage is UNKNOWN."""
+        """Send the same bytes with the same id again; see ``check_retry``."""
         self._events.append(self._command_queue.retry(request_id))
 
     def withdraw(self, request_id: int, detail: str) -> CommandUpdate:
@@ -131,9 +135,8 @@ class HostSession:
 
     def abort(self, now_s: float) -> int:
         """Queue ABORT before all other commands; it is never blocked. Returns its request id."""
-        order = self.encode("ABORT", {})
         request_id = self._ids()
-        self._events.append(self._command_queue.add(request_id, order, urgent=True))
+        self._events.append(self._command_queue.add(request_id, self.encode("ABORT", {}), urgent=True))
         return request_id
 
     def acknowledge_mismatch(self) -> None:
@@ -146,8 +149,7 @@ class HostSession:
         """Set the next ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and can be retried."""
         self._ids.following = next_request_id
         self.transfers.skip_ids(next_transfer_id)
-        for request_id, order in in_flight:
-            self._events.append(self._command_queue.add_unknown(request_id, order))
+        self._events += [self._command_queue.add_unknown(*command) for command in in_flight]
 
     def craft(
         self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
@@ -274,9 +276,7 @@ class HostSession:
 
     def _identified(self, values: Mapping[str, Value], device_time_s: float) -> None:
         previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
-        if previous is not None and previous.serial != hello.serial:
-            # Commands for one unit must never reach another unit.
-            self._events += self._command_queue.abandon(f"The unit {hello.serial} answered, not {previous.serial}.")
+        self._events += self._command_queue.identified(hello.serial)
         self.transfers.identified(hello.serial)
         if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()

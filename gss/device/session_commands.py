@@ -28,14 +28,16 @@ ORDER = {s: i for i, s in enumerate((Stage.SENT, Stage.ACCEPTED, Stage.STARTED, 
 class CommandRecord:
     """One tracked command.
 
-    ``deadline_s``: time at which the current timeout expires; None if no timeout is running. ``urgent``: True if the
-    session sends the command to every unit, also before the unit has identified itself (HELLO, ABORT).
+    ``unit``: serial number of the unit for which it was queued, None until a unit has identified itself. ``deadline_s``: time
+    at which the current timeout expires; None if no timeout is running. ``urgent``: True if the session sends the command to
+    every unit, also before the unit has identified itself (HELLO, ABORT).
     """
 
     request_id: int
     command: CommandDefinition
     arguments: Values
     payload: bytes
+    unit: str | None = None
     stage: Stage = Stage.QUEUED
     attempt: int = 1
     deadline_s: float | None = None
@@ -66,6 +68,7 @@ class CommandQueue:
         self._queue: deque[CommandRecord] = deque()
         self._urgent: deque[CommandRecord] = deque()
         self._current: CommandRecord | None = None
+        self._unit: str | None = None
 
     def add(self, request_id: int, order: EncodedCommand, *, urgent: bool = False) -> CommandUpdate:
         """Queue a command."""
@@ -83,14 +86,14 @@ class CommandQueue:
             del self._records[record.request_id]
         return self.add(request_id, order, urgent=True)
 
-    def add_unknown(self, request_id: int, order: EncodedCommand) -> CommandUpdate:
-        """Add a command that was sent before a restart; its outcome is unknown."""
+    def add_unknown(self, request_id: int, order: EncodedCommand, unit: str | None = None) -> CommandUpdate:
+        """Add a command that was sent to ``unit`` before a restart; its outcome is unknown."""
         record = self._make(request_id, order)
-        record.was_unknown = True
+        record.unit, record.was_unknown = unit, True
         return record.to(Stage.UNKNOWN, detail="The server restarted while the command was under way.")
 
     def _make(self, request_id: int, order: EncodedCommand) -> CommandRecord:
-        record = CommandRecord(request_id, order.command, order.arguments, order.payload)
+        record = CommandRecord(request_id, order.command, order.arguments, order.payload, self._unit)
         self._records[request_id] = record
         self._forget_old()
         return record
@@ -105,8 +108,9 @@ class CommandQueue:
         """Return the record of a request id, or None."""
         return self._records.get(request_id)
 
-    def retry(self, request_id: int) -> CommandUpdate:
-        """Queue an unknown command again, unchanged, at the front."""
+    def check_retry(self, request_id: int) -> CommandRecord:
+        """Return the record of a command that can be retried. Raises NotFound for an unknown id, Conflict if the stage is not
+        UNKNOWN or another unit is on the line."""
         record = self._records.get(request_id)
         if record is None:
             raise NotFound("unknown command id", got=str(request_id))
@@ -114,6 +118,18 @@ class CommandQueue:
             raise Conflict(
                 "only a command whose result is unknown can be retried", expected="unknown", got=record.stage.value
             )
+        if None not in (record.unit, self._unit) and record.unit != self._unit:
+            raise Conflict(
+                "the command was sent to another unit",
+                expected=record.unit or "",
+                got=self._unit or "",
+                hint="mark it resolved, or retry it when its unit is back",
+            )
+        return record
+
+    def retry(self, request_id: int) -> CommandUpdate:
+        """Queue an unknown command again, unchanged, at the front; see ``check_retry``."""
+        record = self.check_retry(request_id)
         record.attempt += 1
         self._queue.appendleft(record)
         return record.to(Stage.QUEUED)
@@ -135,16 +151,22 @@ class CommandQueue:
         """Withdraw all queued commands; commands already sent are not affected."""
         return [self.withdraw(record.request_id, detail) for record in list(self._queue)]
 
-    def abandon(self, detail: str) -> list[CommandUpdate]:
-        """Drop all commands meant for the previous unit after another unit has identified itself.
+    def identified(self, serial: str) -> list[CommandUpdate]:
+        """End the commands of other units after the unit with this serial number has identified itself.
 
-        Queued commands are withdrawn. Commands under way become UNKNOWN, and commands of unknown outcome can no longer
-        be retried. HELLO and ABORT continue, because they can have been sent to the new unit.
+        Queued commands are withdrawn. Commands under way become UNKNOWN; commands of unknown outcome can be retried when
+        their unit is back. HELLO and ABORT continue, because they can have been sent to the new unit.
         """
-        under_way = [r for r in self._records.values() if r.deadline_s is not None and not r.urgent]
-        events = [*self.clear(detail), *(self._lose(r, detail) for r in under_way)]
-        for request_id in [i for i, r in self._records.items() if r.stage is Stage.UNKNOWN]:
-            del self._records[request_id]
+        self._unit, events = serial, []
+        for record in self._records.values():
+            record.unit = serial if record.unit is None else record.unit
+            detail = f"The unit {serial} answered, not {record.unit}."
+            if record.unit == serial or record.urgent:
+                continue
+            if record in self._queue:
+                events.append(self.withdraw(record.request_id, detail))
+            elif record.deadline_s is not None:
+                events.append(self._lose(record, detail))
         return events
 
     def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandUpdate]]:

@@ -76,11 +76,13 @@ def add(
     user: str,
     source: str,
     run_id: int | None = None,
+    unit: str = "",
 ) -> Command:
     """Store a newly queued command."""
     row = Command(
         contact_id=contact_id,
         request_id=request_id,
+        unit=unit,
         name=name,
         arguments=arguments,
         user=user,

@@ -14,7 +14,7 @@ from gss.device.session_commands import KEPT_HELLOS
 from gss.device.session_events import Stage
 from gss.device.session_handshake import HELLO_AGAIN_S
 from gss.device.simulator.machine import Identity, SimulatedDevice
-from gss.domain.errors import Conflict, NotFound
+from gss.domain.errors import Conflict
 from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def test_no_command_is_sent_before_the_device_identifies_itself(bench: Bench) ->
 
 
 def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> None:
-    """If another unit answers, queued commands are withdrawn with its name in the detail, and unknown commands can no
-    longer be retried."""
+    """If another unit answers, queued commands are withdrawn with its name in the detail, and unknown commands can
+    be retried only when their unit is back."""
     bench.until(lambda: bench.host.hello is not None)
     lost = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 111}))
     bench.connected = False
@@ -64,8 +64,12 @@ def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> 
     last = bench.stages(waiting)[-1]
     assert last.reason == "withdrawn"
     assert "SIM-0002 answered" in last.detail
-    with pytest.raises(NotFound):
+    with pytest.raises(Conflict, match="another unit"):
         bench.host.retry(lost, bench.now_s)
+    replace_unit(bench, serial="SIM-0001")
+    bench.until(lambda: bench.host.hello.serial == "SIM-0001")
+    bench.host.retry(lost, bench.now_s)
+    bench.until(lambda: bench.stage(lost) is Stage.COMPLETED)
 
 
 def test_no_transfer_continues_on_another_unit(bench: Bench) -> None:
@@ -136,7 +140,7 @@ def test_a_command_under_way_cannot_be_retried_on_another_unit(bench: Bench) -> 
     bench.until(lambda: bench.host.hello.serial == "SIM-0002")
     last = bench.stages(under_way)[-1]
     assert (last.stage, last.detail) == (Stage.UNKNOWN, "The unit SIM-0002 answered, not SIM-0001.")
-    with pytest.raises(NotFound):
+    with pytest.raises(Conflict, match="another unit"):
         bench.host.retry(under_way, bench.now_s)
     bench.until(lambda: bench.stage(abort) is Stage.COMPLETED)
 

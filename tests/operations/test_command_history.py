@@ -12,12 +12,13 @@ import pytest
 
 from gss.device.exchange_session import ExchangeSession
 from gss.device.session_events import Stage
+from gss.device.simulator.machine import Identity
 from gss.domain.errors import BadInput, Conflict, NotPermitted, StoreDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.marked_yaml import parse_yaml
 from gss.instruments.roles import read_roles
+from gss.operations.commanding.command_checks import REMEMBERED_IDS
 from gss.operations.commanding.command_history import Filter
-from gss.operations.commanding.commanding import REMEMBERED_IDS
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -263,6 +264,32 @@ def test_a_restarted_server_repeats_no_command(make_console):
     assert second.sensor.memory.record.frames == frames + 1
 
 
+def test_a_command_is_not_retried_on_another_unit(make_console):
+    """The unit can change on the open line or during a restart of the server. The command can be retried when its unit is
+    back."""
+    first = make_console(serial="FM-1")
+    first.sensor.deaf = True
+    row = first.end(first.send("TAKE_IMAGE"))
+    first.sensor.deaf = False
+    assert first.commands.can_retry(row)
+    first.sensor.device._identity = Identity(serial="FM-2")
+    first.link.open_later(first.sensor.url)
+    first.wait(lambda: first.link.hello is not None and first.link.hello.serial == "FM-2")
+    assert not first.commands.can_retry(row)
+    with pytest.raises(Conflict, match="another unit"):
+        first.commands.retry(row.id, user="ann")
+
+    second = make_console(serial="FM-2")
+    frames = second.sensor.memory.record.frames
+    assert not second.commands.can_retry(row)
+    with pytest.raises(Conflict, match="another unit"):
+        second.commands.retry(row.id, user="ann")
+    assert (second.commands.get(row.id).result, second.sensor.memory.record.frames) == ("unknown", frames)
+
+    third = make_console(serial="FM-1")
+    assert third.end(third.commands.retry(row.id, user="ann")).result == "completed"
+
+
 def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
     """The device stores a limited number of ids. A retry of an older command is rejected unless it is idempotent."""
     console.sensor.deaf = True
@@ -373,8 +400,8 @@ def test_a_command_overtaken_by_abort_is_rejected(console, monkeypatch):
     """If ABORT is requested after a command was stored and before it is queued, the command is rejected with the reason."""
     add = console.commands._recorder.add
 
-    def add_slowly(request_id: int, name: str, *rest: Any) -> Any:
-        row = add(request_id, name, *rest)
+    def add_slowly(request_id: int, name: str, *rest: Any, **options: Any) -> Any:
+        row = add(request_id, name, *rest, **options)
         if name != "ABORT":
             console.commands.abort(user="bob", source="abort")
         return row

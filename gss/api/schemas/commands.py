@@ -162,7 +162,7 @@ class StageOut(Out):
 class CommandOut(Out):
     """Command with its progress. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
     ``needs_operator``: true if the outcome is unknown and the command is not idempotent. ``can_retry``: true if it can
-    be sent again with the same id."""
+    be sent again with the same id to the unit on the line."""
 
     id: int
     contact_id: int | None

@@ -152,9 +152,15 @@ def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
     raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)
 
 
-def stores_result(session: Driver, request_id: int) -> bool:
-    """True if the device still stores the result of a request id, and does not execute the command again."""
-    return session.stores_results and 0 < session.next_request_id - request_id <= REMEMBERED_IDS
+def check_stored_result(session: Driver, request_id: int) -> None:
+    """Raise Conflict if the device does not store the result of a request id, and can execute its command again."""
+    if not session.stores_results or not 0 < session.next_request_id - request_id <= REMEMBERED_IDS:
+        raise Conflict(
+            "the device does not store the result of this id and can execute the command twice",
+            expected=f"an idempotent command, or one of the last {REMEMBERED_IDS} ids of a device that stores results",
+            got=f"{request_id}, the next is {session.next_request_id}",
+            hint="check telemetry, mark the command resolved, and send a new one if it was not executed",
+        )
 
 
 def words(value: Any) -> str:

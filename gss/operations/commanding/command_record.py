@@ -82,6 +82,7 @@ class CommandRecorder:
         contact_id: int | None,
         run_id: int | None,
         at: datetime | None = None,
+        unit: str = "",
     ) -> Command:
         """Store and return the row of a command that will be queued."""
         with self._database.unit_of_work() as session:
@@ -95,6 +96,7 @@ class CommandRecorder:
                 user=user,
                 source=source,
                 run_id=run_id,
+                unit=unit,
             )
         self._bus.publish("command", self._view(row))
         return row

@@ -21,10 +21,10 @@ from gss.operations.commanding.command_checks import (
     DryRun,
     PreconditionState,
     check_confirmation,
+    check_stored_result,
     check_unit,
     precondition_states,
     risk_of,
-    stores_result,
     subsystems_of,
 )
 from gss.operations.commanding.command_record import CommandCompleted, CommandRecorder, CommandView
@@ -76,9 +76,9 @@ class CommandService:
             for row in store.left_in_flight(session):
                 CommandRecorder.lose(row, self._now(), RESTARTED if self.idempotent(row.name) else NEEDS_OPERATOR)
             last = store.last_request_id(session)
-            unknown = [(row.request_id, self._order_of(row)) for row in store.of_unknown_fate(session, REMEMBERED_IDS)]
+            unknown = [(row, self._order_of(row)) for row in store.of_unknown_fate(session, REMEMBERED_IDS)]
         with self._link.lock:
-            in_flight = [(request_id, order) for request_id, order in unknown if order is not None]
+            in_flight = [(row.request_id, order, row.unit or None) for row, order in unknown if order is not None]
             self._link.session.restore(last + 1, in_flight)
 
     def _order_of(self, row: Command) -> EncodedCommand | None:
@@ -227,9 +227,9 @@ class CommandService:
         """Store the row and then submit the command, so that every sent command is recorded. The line lock is released during the
         storing, because ABORT needs the lock."""
         with self._link.lock:
-            request_id = self._link.session.reserve()
-        contact_id, name = self._link.contact_id, order.command.name
-        row = self._recorder.add(request_id, name, arguments, user, source, contact_id, run_id)
+            request_id, hello = self._link.session.reserve(), self._link.session.hello
+        contact_id, name, unit = self._link.contact_id, order.command.name, hello.serial if hello else ""
+        row = self._recorder.add(request_id, name, arguments, user, source, contact_id, run_id, unit=unit)
         try:
             with self._link.lock:
                 if self._aborts.stops(request_id, aborts):
@@ -249,7 +249,7 @@ class CommandService:
     def retry(self, command_id: int, *, user: str) -> Command:
         """Send a command again with the same bytes and request id. The result of the command must be unknown. In
         addition, the command must be idempotent, or the device must still store the result of this id, so that the
-        device does not execute the command twice."""
+        device does not execute the command twice. Raises Conflict if another unit has answered."""
         with self._link.hold_events():  # otherwise a late report could be overwritten
             return self._retry(self.get(command_id), user)
 
@@ -257,15 +257,7 @@ class CommandService:
         self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
         self.check_line()
-        if row.result != "unknown":
-            raise Conflict("only a command whose result is unknown can be retried", expected="unknown", got=row.result)
-        if not self.can_retry(row):
-            raise Conflict(
-                "the device does not store the result of this id and can execute the command twice",
-                expected=f"an idempotent command, or one of the last {REMEMBERED_IDS} ids of a device that stores results",
-                got=f"{row.request_id}, the next is {self._link.session.next_request_id}",
-                hint="check telemetry, mark the command resolved, and send a new one if it was not executed",
-            )
+        self._check_retry(row)
         self._authority.require(user)
         # The retry is recorded first, because a command that cannot be recorded must not be sent.
         row = self._recorder.requeue(row.id, f"retry by {user}")
@@ -278,11 +270,20 @@ class CommandService:
         self._bus.record("command", "ok", f"{row.name} retried with the same id by {user}", command_id=row.id)
         return row
 
-    def can_retry(self, row: Command) -> bool:
-        """True if the command can be sent again with the same request id without being executed twice."""
+    def _check_retry(self, row: Command) -> None:
         if row.result != "unknown":
+            raise Conflict("only a command whose result is unknown can be retried", expected="unknown", got=row.result)
+        self._link.session.check_retry(row.request_id)
+        if not self.idempotent(row.name):
+            check_stored_result(self._link.session, row.request_id)
+
+    def can_retry(self, row: Command) -> bool:
+        """True if the command can be sent again to its unit with the same request id without being executed twice."""
+        try:
+            self._check_retry(row)
+        except GssError:
             return False
-        return self.idempotent(row.name) or stores_result(self._link.session, row.request_id)
+        return True
 
     def withdraw(self, command_id: int, *, user: str) -> Command:
         """Withdraw a command that is still queued. The user needs the permission and the authority to send it. Raises Conflict if

@@ -46,12 +46,13 @@ class Contact(Base):
 
 
 class Command(Base):
-    """Command with its arguments and result."""
+    """Command with its arguments and result. ``unit``: serial number of the unit for which it was queued, "" if not known."""
 
     __tablename__ = "commands"
     id: Mapped[int] = mapped_column(primary_key=True)
     contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
     request_id: Mapped[int] = mapped_column(BigInteger, index=True)  # unsigned 32-bit on the wire
+    unit: Mapped[str] = mapped_column(String(80), default="")
     name: Mapped[str] = mapped_column(String(60))
     arguments: Mapped[JsonObject]
     user: Mapped[str] = mapped_column(String(60))

@@ -1,11 +1,15 @@
 import { describe, expect, it } from 'vitest';
 import type { Command } from '../api/types';
-import { isUnsettled, mergeCommands, retained, waitingOutside } from './stages';
+import { isUnsettled, mergeCommands, retained, retryProblem, waitingOutside } from './stages';
 
 const command = (id: number, result = 'completed', resolved_note = ''): Command =>
   ({ id, result, resolved_note }) as Command;
 
 describe('commands of unknown outcome', () => {
+  it('are not sent again to another unit', () => {
+    expect(retryProblem({ can_retry: true })).toBe('');
+    expect(retryProblem({ can_retry: false })).toContain('not on the line');
+  });
   it('wait until an operator says what was found', () => {
     expect([command(1, 'unknown'), command(2, 'unknown', 'seen on board'), command(3)].map(isUnsettled)).toEqual([
       true,

@@ -37,6 +37,12 @@ export function isUnsettled(command: Pick<Command, 'result' | 'resolved_note'>):
   return command.result === 'unknown' && !command.resolved_note;
 }
 
+/** Return the reason why a command of unknown result cannot be sent again; empty if it can. */
+export function retryProblem(command: Pick<Command, 'can_retry'>): string {
+  if (command.can_retry) return '';
+  return 'Its unit is not on the line, or does not store its result. Check telemetry, then mark it resolved.';
+}
+
 /** Return the latest commands, and all older commands with an unresolved result, which wait for an operator. */
 export function retained(commands: readonly Command[], limit: number): Command[] {
   return commands.filter((c, i) => i < limit || isUnsettled(c));

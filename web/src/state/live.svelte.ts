@@ -7,7 +7,7 @@ import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
 import { commandOrder } from '../lib/requestOrder';
-import { hasEnded, isFailure, mergeCommands, retained } from '../lib/stages';
+import { hasEnded, isFailure, mergeCommands, resultState, retained } from '../lib/stages';
 import { session } from './session.svelte';
 import { Batch } from './batch';
 import { outageText, type Outage } from './outage';
@@ -157,6 +157,12 @@ class Live {
       (before.cycle_running !== link.cycle_running || before.mode !== link.mode || before.connected !== link.connected);
     /* The dictionary contains the preconditions of commands, which change with the mode and the cycle. */
     if (stateChanged || (hashChanged && this.dictionary?.hash !== link.dictionary_hash)) void this.loadDictionary();
+    if (before !== null && before.device !== link.device) void this.loadUnknown();
+  }
+
+  /** Load the commands of unknown result again: another unit on the line changes which of them can be retried. */
+  private async loadUnknown(): Promise<void> {
+    for (const c of await api.findCommands({ result: ['unknown'] }).catch(() => [])) this.putCommand(c);
   }
 
   private putTelemetry(latest: T.Latest): void {
@@ -193,10 +199,7 @@ class Live {
     this.cycles = [cycle, ...this.cycles.filter((c) => c.iteration !== cycle.iteration)].slice(0, 40);
   }
 
-  /**
-   * A new ABORT may come from another page or user. Commands that wait on this page would reach the sensor after it, so
-   * they are cancelled.
-   */
+  /** Store a command. Commands that wait on this page are cancelled by a new ABORT of another page or user. */
   private putReportedCommand(command: T.Command): void {
     const isNew = !this.commands.some((c) => c.id === command.id);
     if (command.name === 'ABORT' && isNew && !hasEnded(command)) commandOrder.cancel('ABORT cancelled it');
@@ -208,12 +211,9 @@ class Live {
     // A response can arrive after the stream has reported the result.
     if (before && hasEnded(before) && !hasEnded(command)) return;
     this.commands = retained(upsert(this.commands, command), HISTORY);
-    if (before?.result !== command.result && isFailure(command))
-      toast(
-        command.result === 'unknown' ? 'unknown' : 'critical',
-        `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`,
-        `#${command.request_id}`,
-      );
+    if (before?.result === command.result || !isFailure(command)) return;
+    const text = `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`;
+    toast(resultState(command), text, `#${command.request_id}`);
   }
 
   private putFrame(id: number, isNew: boolean): void {

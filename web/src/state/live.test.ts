@@ -1,5 +1,5 @@
 import { expect, test, vi } from 'vitest';
-import type { AlarmRow, Command, Stage } from '../api/types';
+import type { AlarmRow, Command, Link, Stage } from '../api/types';
 
 type Listener = (e: { data: string; lastEventId: string }) => void;
 const listeners = new Map<string, Listener>();
@@ -43,4 +43,17 @@ test('a command that the server rejects is reported once, and one that the senso
   live.put('command', { ...row(1, 'rejected', null), detail: message });
   live.put('command', row(2, 'rejected', '2026-12-01T18:00:00Z'));
   expect(toasts.list.map((t) => t.text)).toEqual([message, 'GET_STATUS rejected']);
+});
+
+test('whether a command can be retried is read again when another unit answers', async () => {
+  const { live } = await import('./live.svelte');
+  const { api } = await import('../api/client');
+  const lost = { id: 3, name: 'TAKE_IMAGE', result: 'unknown', can_retry: true } as Command;
+  vi.spyOn(api, 'findCommands').mockResolvedValue([{ ...lost, can_retry: false }]);
+  live.put('link', { device: 'FM-1' } as Link);
+  live.put('command', lost);
+  const shown = (): boolean | undefined => live.commands.find((c) => c.id === 3)?.can_retry;
+  expect(shown()).toBe(true);
+  live.put('link', { device: 'FM-2' } as Link);
+  await vi.waitFor(() => expect(shown()).toBe(false));
 });
