@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import timedelta
 from typing import Any, cast
 
@@ -343,12 +344,22 @@ def test_a_plan_whose_procedure_was_replaced_is_not_armed(mission):
     procedures.change(changed.procedure_id, text.replace("GET_STATUS", "STOP_CYCLE"), sha256=hash_of(text), user="bob")
     procedures.delete(deleted.procedure_id)
     assert mission.quick(STANDBY, name="Other").procedure_id > deleted.procedure_id
+    advice = "Review the present procedure, create a new plan, and delete this draft."
     for plan, name in zip(plans, ("Look", "See"), strict=True):
-        assert mission.plans.problems(plan) == [
-            f"Procedure {name} was changed or deleted after the plan was created. Create a new plan."
-        ]
+        changed_text = f"Procedure {name} was changed or deleted after the plan was created."
+        assert mission.plans.problems(plan) == [f"{changed_text} {advice}"]
     with pytest.raises(Conflict, match="cannot be armed"):
         mission.plans.arm(plans[0].id, [], user="ann")
+
+
+def test_a_draft_of_an_earlier_version_states_why_it_cannot_be_armed(mission: Mission) -> None:
+    """Earlier versions stored no hash, so that it is not known whether the procedure was changed."""
+    plan = mission.plan(mission.quick(STATUS, name="Look"))
+    plan = mission.plans.change(plan.id, [replace(item, reviewed_sha256="") for item in items_of(plan)])
+    assert mission.plans.problems(plan) == [
+        "Procedure Look was added by an earlier version of GSS, which did not store its hash. "
+        "Review the present procedure, create a new plan, and delete this draft."
+    ]
 
 
 def test_a_procedure_changed_after_arming_is_not_run(mission):
@@ -361,7 +372,7 @@ def test_a_procedure_changed_after_arming_is_not_run(mission):
     mission.console.procedures.change(item.procedure_id, changed, sha256=hash_of(text), user="bob")
     mission.at(plan.rise + timedelta(seconds=5))
     failed = mission.until(plan, "failed", "completed")
-    assert (failed.state, "was changed after the plan was armed" in failed.reason) == ("failed", True)
+    assert (failed.state, "was changed or deleted after the plan was created" in failed.reason) == ("failed", True)
     assert not any(mission.sent(name) for name in ("GET_STATUS", "STOP_CYCLE"))
 
 

@@ -102,12 +102,16 @@ class ItemControl:
                 names |= dict.fromkeys(self._procedure_runs.confirmations(item.procedure_id, user=user))
         return list(names)
 
-    def changed(self, item: PlanItem) -> bool:
-        """True if the procedure of the item was changed or deleted after the plan was created."""
+    def problem(self, item: PlanItem) -> str:
+        """Return the reason why the procedure of an item is not known to be the one of the plan; "" if it is."""
         try:
-            return item.reviewed_sha256 != self._hash(item)
+            if item.reviewed_sha256 == self._hash(item):
+                return ""
         except NotFound:
-            return True
+            pass
+        if not item.reviewed_sha256:
+            return f"{item.title} was added by an earlier version of GSS, which did not store its hash"
+        return f"{item.title} was changed or deleted after the plan was created"
 
     def _hash(self, item: PlanItem) -> str:
         """Return the SHA-256 of the procedure's text. Return "" for a transfer, because the content of a transfer has a
@@ -127,14 +131,12 @@ class ItemControl:
 
     def start(self, item: PlanItem, confirm: Sequence[str], *, user: str, aborts: int) -> int:
         """Start an item and return the id of its run or transfer. ``aborts``: number of ABORTs that the plan has handled; after
-        a further ABORT, a procedure sends no command. Raises Conflict if its procedure was changed after the
-        plan was armed, GssError if the item cannot start."""
+        a further ABORT, a procedure sends no command. Raises Conflict if its procedure is not the one of the
+        plan, GssError if the item cannot start."""
         self.require(item, user)
-        if item.reviewed_sha256 != self._hash(item):
-            raise Conflict(
-                f"{item.title} was changed after the plan was armed",
-                hint="Review it, then create and arm a new plan.",
-            )
+        problem = self.problem(item)
+        if problem:
+            raise Conflict(problem, hint="Review it, then create and arm a new plan.")
         if item.procedure_id is not None:
             return self._procedure_runs.begin(
                 item.procedure_id, user=user, automatic=True, confirmed=confirm, aborts=aborts

@@ -99,9 +99,9 @@ class PlanService:
         if row.set <= self._now():
             problem_texts.append("The pass is over. Create a plan for a coming pass.")
         problem_texts += [
-            f"{item.title} was changed or deleted after the plan was created. Create a new plan."
-            for item in items_of(row)
-            if self._control.changed(item)
+            f"{problem}. Review the present procedure, create a new plan, and delete this draft."
+            for problem in map(self._control.problem, items_of(row))
+            if problem
         ]
         current = self._spacecraft.current()
         if current is None or not current.plannable:
