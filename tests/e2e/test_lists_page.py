@@ -17,7 +17,7 @@ OPTICS = CAMERAS[0]
 
 def test_a_file_of_lists_is_solved(page: Page, tmp_path: Path) -> None:
     """A file with an invalid line is rejected with the line number. A valid file gives a row per list and a JSON
-    download.
+    download. The address of a file opens it, also if it is not in the list, and states if there is none.
     """
     scenes = star_lists(visible_stars(OPTICS), OPTICS, 2, Disturbance(3), 31)
     rows = ["list,col_px,row_px,flux"]
@@ -42,3 +42,10 @@ def test_a_file_of_lists_is_solved(page: Page, tmp_path: Path) -> None:
     with page.expect_download() as file:
         page.get_by_test_id("lists-json").click()
     assert [r["outcome"] for r in json.loads(file.value.path().read_text())["results"]] == ["solved", "solved"]
+    run_id = json.loads(file.value.path().read_text())["id"]
+    page.route("**/api/lists", lambda route: route.fulfill(json=[]))  # as if 50 other files were newer
+    page.goto(f"/frames/lists?id={run_id}")
+    expect(page.get_by_test_id("lists-result")).to_have_count(2)
+    page.unroute("**/api/lists")
+    page.goto(f"/frames/lists?id={run_id + 1}")
+    expect(page.get_by_test_id("lists-missing")).to_contain_text("There is no star list run with this number")

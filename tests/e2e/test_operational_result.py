@@ -59,7 +59,8 @@ def test_a_campaign_changes_no_ground_result_but_a_user_can(page, served, new_fr
 
 
 def test_an_unfinished_job_shows_only_a_result_of_an_experiment(page, served, new_frame):
-    """An unfinished experiment shows the latest result of another one, a queued reprocess job shows no result."""
+    """An unfinished experiment shows the latest result of another one, a queued reprocess job shows no result.
+    The address of a job that does not exist states this."""
     new_frame(page)
     first = served.ask("POST", "/campaigns/experiments", {"names": ["moniteq-4-2"], "trials": None, "seed": 1})
     served.until(f"/jobs/{first['id']}", lambda j: j["state"] == "done")
@@ -75,5 +76,7 @@ def test_an_unfinished_job_shows_only_a_result_of_an_experiment(page, served, ne
     expect(progress).to_contain_text("Waiting")
     expect(progress).to_contain_text("not known yet")
     expect(result.get_by_role("heading", name="result")).to_have_count(0)
+    page.goto(f"/campaigns?job={jobs[1]['id'] + 1}")
+    expect(page.get_by_test_id("run-missing")).to_contain_text("No such job")
     for job in reversed(jobs):
         served.ask("POST", f"/jobs/{job['id']}/cancel")

@@ -211,6 +211,7 @@ const catalogues = {
       }),
     ),
   listRuns: () => body(GET('/api/lists')),
+  listRun: (run_id: number) => body(GET('/api/lists/{run_id}', { params: { path: { run_id } } })),
   listResults: (run_id: number, limit: number, offset: number) =>
     body(GET('/api/lists/{run_id}/results', { params: { path: { run_id }, query: { limit, offset } } })),
   solveLists: (file: File, options: { camera: string; no_distortion: boolean; sigma_px: number }) =>
@@ -249,6 +250,7 @@ const transfers = {
 
 const studies = {
   jobs: (limit = 20, kind = '') => body(GET('/api/jobs', { params: { query: { limit, kind } } })),
+  job: (job_id: number) => body(GET('/api/jobs/{job_id}', { params: { path: { job_id } } })),
   cancelJob: (job_id: number) => body(POST('/api/jobs/{job_id}/cancel', { params: { path: { job_id } } })),
   experiments: () => body(GET('/api/campaigns/experiments')),
   runExperiments: (request: Body<'/api/campaigns/experiments'>) =>
