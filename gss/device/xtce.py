@@ -128,6 +128,10 @@ class _XtceWriter:
             self._returns([])
             for event in self._dictionary.events:
                 self._event(event, "")
+            if self._root.find(".//*[@parameterRef='PKT_LEN']") is not None:  # the size of a value of the type rest
+                self._types.unsigned(self._parameters, "PKT_LEN", 16, "Bytes of the content, minus 1", {})
+                facts = {terms.ROLE: terms.HEADER}
+                self._container("Header", "Size of the content", "", [], ["PKT_LEN"], facts, abstract=True)
         self._commands.write()
         for part in self._root.findall("TelemetryMetaData"):
             for empty in [child for child in part if len(child) == 0]:
@@ -242,7 +246,7 @@ class _XtceWriter:
     ) -> list[str | ET.Element]:
         """Create the parameters of a layout and return their names in order. ``stale_after_s``: value of the packet."""
         entries: list[str | ET.Element] = []
-        fixed = SECONDARY.size + CRC_BYTES
+        fixed = SECONDARY.size + CRC_BYTES if self._headers else 0
         for entry in layout:
             name = f"{owner}_{entry.name}"
             if isinstance(entry, Group):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -89,6 +90,17 @@ def test_another_parser_reads_a_little_endian_sensor() -> None:
     assert {f.name: parsed[f"{row.name}_{f.name}"] for f in row.values} == values
     assert parsed[f"{row.name}_{group.name}_count"] == 2
     assert len(parsed[f"{row.name}_{group.name}"]) == group.slots * fixed_bytes(group.items)
+
+
+def test_every_parameter_that_a_headerless_document_names_is_defined() -> None:
+    """Without the headers of the driver gss, the size of a value of the type rest refers to a defined parameter."""
+    command = replace(DICTIONARY.command("GET_STATUS"), returns=(Item("content", "rest"),), preconditions=())
+    root = ET.fromstring(  # noqa: S314 - generated document
+        xtce(replace(DICTIONARY, commands=(command,), telemetry=(), events=(), services=()), headers=False)
+    )
+    named = {e.get("parameterRef") for e in root.iter() if e.get("parameterRef")}
+    assert {"GET_STATUS_content", "PKT_LEN"} <= named
+    assert named <= {e.get("name") for e in root.iter("{http://www.omg.org/spec/XTCE/20180204}Parameter")}
 
 
 def test_repeated_rows_name_their_count() -> None:
