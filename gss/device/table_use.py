@@ -29,7 +29,8 @@ LOST_NOTHING: Mapping[str, Scalar] = {}
 
 
 def _radial_tilt(values: Mapping[str, float]) -> RadialTilt:
-    radial = tuple(values[n] for n in RADIAL if n in values)
+    given = [k for k, name in enumerate(RADIAL, 1) if name in values]
+    radial = tuple(values.get(name, 0.0) for name in RADIAL[: max(given, default=0)])
     return RadialTilt(values["focal_mm"], values["tilt_max_rad"], values["tilt_direction_rad"], radial)
 
 

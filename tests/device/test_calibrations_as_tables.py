@@ -37,6 +37,15 @@ def test_every_lens_model_fits_every_units_table(name: str, lens: Distortion) ->
     assert np.allclose(restored.camera.unproject(pixels), camera.unproject(pixels), atol=1e-12)
 
 
+def test_a_missing_radial_coefficient_is_zero() -> None:
+    """The coefficients after a missing one keep their powers of the radius."""
+    nominal = shipped_camera("sunsat")
+    values = calibration_values(nominal)
+    lens = calibrated(nominal, {name: value for name, value in values.items() if name != "radial_1"}).camera.distortion
+    assert isinstance(lens, RadialTilt)
+    assert lens.radial == (0.0, values["radial_2"], values["radial_3"])
+
+
 def test_implausible_coefficients_are_rejected() -> None:
     """A coefficient about 100 times too large is rejected, with either sign."""
     nominal = shipped_camera("cubestar")
