@@ -17,6 +17,7 @@ from gss.instruments.dictionary.definitions import (
     PacketDefinition,
     TelemetryField,
 )
+from gss.instruments.dictionary.items import number_text
 
 HEAD = """# Interface control document: ground ↔ star tracker
 
@@ -159,7 +160,9 @@ def _packet(packet: PacketDefinition) -> str:
 
 
 def _field_row(field: TelemetryField) -> tuple[str, ...]:
-    conversion = " + ".join(f"{c:g}·raw^{i}" if i else f"{c:g}" for i, c in enumerate(field.conversion.coefficients))
+    conversion = " + ".join(
+        f"{number_text(c)}·raw^{i}" if i else number_text(c) for i, c in enumerate(field.conversion.coefficients)
+    )
     if field.choices:
         conversion = _choices(field)
     return field.name, _type(field), field.unit, conversion, _all_limits(field), field.page, field.title
@@ -179,8 +182,8 @@ def _limits(limits: Limits) -> str:
     for name in ("watch", "warning", "critical"):
         low, high = getattr(limits, name)
         if low is not None or high is not None:
-            bounds = [f"< {low:g}" if low is not None else "", f"> {high:g}" if high is not None else ""]
-            parts.append(f"{name} " + " or ".join(b for b in bounds if b))
+            bounds = [f"{sign} {number_text(bound)}" for sign, bound in (("<", low), (">", high)) if bound is not None]
+            parts.append(f"{name} " + " or ".join(bounds))
     return "; ".join(parts)
 
 

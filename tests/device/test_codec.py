@@ -118,6 +118,15 @@ def test_the_error_of_a_value_out_of_range_has_range_and_value() -> None:
     assert (caught.value.expected, caught.value.got) == ("0 – 4095 DN", "5000")
 
 
+def test_the_text_of_a_range_is_exact() -> None:
+    """Large integers are shown with all digits, and other numbers without rounding."""
+    for argument, text in (
+        (Argument("n", "u32", minimum=0, maximum=0xFFFF_FFFF), "0 – 4294967295"),
+        (Argument("n", "f32", minimum=-1.000030518509476, maximum=60.0), "-1.000030518509476 – 60"),
+    ):
+        assert argument.range_text == text
+
+
 @pytest.mark.parametrize("wrong", [True, "12", 12.5, math.nan, math.inf, None, b"\1"])
 def test_a_number_must_be_a_number(wrong: Value) -> None:
     """Booleans, texts, fractions, infinities and bytes are rejected for an integer argument."""
@@ -125,9 +134,9 @@ def test_a_number_must_be_a_number(wrong: Value) -> None:
         check_argument(Argument("n", "u8", minimum=0, maximum=255), wrong)
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, True, "1.0"])
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 10**400, True, "1.0"])
 def test_a_float_argument_must_be_finite(wrong: Value) -> None:
-    """NaN, infinity, booleans and texts are rejected for a float argument."""
+    """NaN, infinity, integers above all floats, booleans and texts are rejected for a float argument."""
     with pytest.raises(BadInput):
         check_argument(DICTIONARY.command("SET_ATTITUDE_HINT").argument("ra_deg"), wrong)
 

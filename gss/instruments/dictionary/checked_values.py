@@ -86,7 +86,10 @@ def coerce(item: Item, value: Value) -> Value:
 def _coerce_float(item: Item, value: Value) -> float:
     if isinstance(value, bool | str | bytes):
         raise _bad(item, value)
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise _bad(item, value) from None
     # A telemetry value may be unknown (NaN); an argument may not.
     if isinstance(item, Argument) and not math.isfinite(number):
         raise _bad(item, value)

@@ -38,6 +38,12 @@ class Hazard(StrEnum):
         return list(Hazard).index(self)
 
 
+def number_text(value: float) -> str:
+    """Return a number as text without rounding: "4294967295", "0.0625"."""
+    short = f"{value:g}"
+    return short if not isinstance(value, int) and float(short) == value else str(value)
+
+
 @dataclass(frozen=True)
 class EnumChoice:
     """One value of an enumeration."""
@@ -88,7 +94,9 @@ class Argument(Item):
             return " | ".join(c.name for c in self.choices)
         if self.type == "bool":
             return "true | false"
-        return f"{self.minimum:g} – {self.maximum:g}" if self.minimum is not None and self.maximum is not None else ""
+        if self.minimum is None or self.maximum is None:
+            return ""
+        return f"{number_text(self.minimum)} – {number_text(self.maximum)}"
 
 
 @dataclass(frozen=True)
