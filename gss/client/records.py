@@ -67,7 +67,8 @@ class TelemetryValue(ClientRecord):
 
 @dataclass(frozen=True)
 class Packet(ClientRecord):
-    """One stored telemetry packet. ``values``: values by field name, in the units of the instrument's dictionary."""
+    """One stored telemetry packet. ``values``: values by field name, in the units of the instrument's dictionary.
+    ``device_time_s``: 0 if the sensor reports no time."""
 
     id: int
     packet: str

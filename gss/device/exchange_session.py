@@ -211,7 +211,7 @@ class ExchangeSession:
             request = self._current
             self._replies += [answer.reply] if answer.reply else []
             if answer.event:
-                self._event(answer, now_s)
+                self._event(answer)
             if answer.packet:
                 self._telemetry(answer, request, now_s)
             if request is not None and answer.stage is not None:
@@ -298,16 +298,15 @@ class ExchangeSession:
     def _telemetry(self, answer: Answer, request: SensorRequest | None, now_s: float) -> None:
         content = answer.content
         request_id = request.request_id if request is not None and answer.stage is not None else 0
-        time_s = now_s if answer.time_s is None else answer.time_s
+        time_s = answer.time_s or 0.0
         self._telemetry_s = now_s
         if answer.packet == "housekeeping":
             self._housekeeping = content.values
         self._events.append(Telemetry(answer.packet, time_s, request_id, content.raw, content.values, content.lists))
 
-    def _event(self, answer: Answer, now_s: float) -> None:
+    def _event(self, answer: Answer) -> None:
         row = self._setup.dictionary.event_named(answer.event)
-        time_s = now_s if answer.time_s is None else answer.time_s
-        self._events.append(DeviceEvent(row.name, row.severity, answer.detail, time_s))
+        self._events.append(DeviceEvent(row.name, row.severity, answer.detail, answer.time_s or 0.0))
 
     def _greet(self, answer: Answer) -> None:
         """Report the identity of the unit at the first valid frame."""

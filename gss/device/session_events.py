@@ -95,9 +95,10 @@ class CommandUpdate:
 class Telemetry:
     """One telemetry packet.
 
-    ``request_id``: id of the command that caused the packet, 0 = unsolicited. ``raw``: values as on the wire;
-    ``values``: in engineering units, enumerations by name. ``lists``: rows of each list, by the list's name.
-    ``arrival``: latest packet of its type, delayed, or repeated on the line.
+    ``device_time_s``: time of the device's clock, 0 = not reported. ``request_id``: id of the command that caused the
+    packet, 0 = unsolicited. ``raw``: values as on the wire; ``values``: in engineering units, enumerations by name.
+    ``lists``: rows of each list, by the list's name. ``arrival``: latest packet of its type, delayed, or repeated on the
+    line.
     """
 
     packet: str
@@ -112,7 +113,8 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class DeviceEvent:
-    """An event reported by the device. ``severity``: ok, watch, warning, critical."""
+    """An event reported by the device. ``severity``: ok, watch, warning, critical. ``device_time_s``: time of the device's
+    clock, 0 = not reported."""
 
     name: str
     severity: str

@@ -156,12 +156,12 @@ services: []
 
 def test_a_length_in_the_header_delimits_packets_and_the_id_finds_the_request() -> None:
     """A packet with another id and a telemetry code is unsolicited telemetry. Noise before the sync bytes is skipped and
-    counted."""
+    counted. Without a clock of the sensor, the device time is 0."""
     session = session_of(PREFIXED, PREFIXED_DICTIONARY)
     session.submit(session.encode("GET", {}))
     assert session.poll(0.0)[0] == bytes.fromhex("A55A 0007 0001 07")
     unsolicited = session.feed(bytes.fromhex("FF A5 A55A 0009 0063 09 0100"), 0.1)
-    assert [e.request_id for e in unsolicited if isinstance(e, Telemetry)] == [0]
+    assert [(e.request_id, e.device_time_s) for e in unsolicited if isinstance(e, Telemetry)] == [(0, 0.0)]
     assert not stages(unsolicited)
     response = session.feed(bytes.fromhex("A55A 0009 0001 07 3412 A55A"), 0.2)
     assert [e.values["number"] for e in response if isinstance(e, Telemetry)] == [0x1234]

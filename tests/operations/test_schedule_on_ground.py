@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 
 pytestmark = pytest.mark.timeout(120)
@@ -159,10 +160,13 @@ def test_scheduling_needs_command_authority(console):
 
 
 def test_without_correlated_clocks_only_device_time_is_accepted(console):
-    """While the clocks are not correlated, a UTC time is rejected and a device time accepted."""
+    """While the clocks are not correlated, a UTC time is rejected and a device time accepted. Packets without a device time
+    do not correlate them."""
     put(console, "GET_STATUS", 500)
     console.schedule_subscribed = False
     console.schedule._clock.restart()
+    for k in range(100):
+        console.schedule._packet(Telemetry("housekeeping", 0.0, 0, {}, {}), in_seconds(console, 0.01 * k))
     plan = console.schedule.plan("GET_STATUS", {}, at=in_seconds(console, 60), at_device_s=None)
     assert "device clock offset unknown" in plan.problems[0]
     plan = console.schedule.plan("GET_STATUS", {}, at=None, at_device_s=60.0)

@@ -294,6 +294,21 @@ def test_unsigned_numbers_of_64_bits_are_exported_exactly(database, bus, clock, 
         assert [int(n) for n in file["p/n"][:]] == numbers
 
 
+def test_an_export_has_no_device_time_if_the_sensor_reports_none(telemetry, clock):
+    """A device time of 0 is empty in CSV, null in Parquet and NaN in HDF5."""
+    telemetry.handle(LineBatch((Telemetry("housekeeping", 0.0, 0, {"latchups": 10}, {"latchups": 10}),), clock(), 0.0))
+
+    def exported(file_format):
+        return export(
+            telemetry.archive, ["housekeeping.latchups"], *span(clock), form="converted", file_format=file_format
+        )
+
+    assert [row["device_time_s"] for row in read_csv(exported("csv"))[-2:]] == ["109.0", ""]
+    assert pq.read_table(io.BytesIO(b"".join(exported("parquet"))))["device_time_s"].to_pylist()[-2:] == [109.0, None]
+    with h5py.File(io.BytesIO(b"".join(exported("hdf5")))) as file:
+        assert np.isnan(file["housekeeping/device_time_s"][-1])
+
+
 def test_packets_are_paged_newest_first(telemetry):
     """Packets are listed with their lists, newest first, and a page continues where the previous one ended."""
     first = telemetry.archive.packets("centroids", None, None, 2, None)

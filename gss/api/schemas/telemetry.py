@@ -55,7 +55,7 @@ class HistoryOut(Out):
 
 
 class PacketOut(Out):
-    """Stored packet with all its values and lists."""
+    """Stored packet with all its values and lists. ``device_time_s``: 0 if the sensor reports no time."""
 
     id: int
     packet: str

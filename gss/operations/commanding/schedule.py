@@ -100,7 +100,7 @@ class ScheduleService:
     def _packet(self, packet: Telemetry, at: datetime) -> bool:
         roles = self._link.roles.quantities
         with self._lock:
-            if packet.packet == roles.status.packet:
+            if packet.packet == roles.status.packet and packet.device_time_s:
                 self._clock.add(at.timestamp(), packet.device_time_s)
             if packet.packet != roles.schedule_entry.packet:
                 return False

@@ -38,7 +38,8 @@ DAMAGE = ("bad_crc", "too_long", "too_short")
 
 @dataclass(frozen=True)
 class HousekeepingSample:
-    """One housekeeping packet. ``at_s``: time of arrival, Unix seconds. ``device_time_s``: device clock in the packet."""
+    """One housekeeping packet. ``at_s``: time of arrival, Unix seconds. ``device_time_s``: device clock in the
+    packet, or ``at_s`` if the packet has none."""
 
     at_s: float
     device_time_s: float

@@ -216,7 +216,7 @@ class FrameIntake:
         there is no correlation, it is calculated relative to the latest housekeeping packet."""
         now = self._now()
         newest = self._telemetry.latest_packet(self._link.roles.quantities.status.packet)
-        if newest is None or "frame_time_s" not in info:
+        if newest is None or not newest.device_time_s or "frame_time_s" not in info:
             return now
         correlation = self._clock()
         if correlation is not None:

@@ -28,14 +28,15 @@ SOLVED = "solved"
 def attitudes_of(
     database: Database, role: AttitudeRole, contact_id: int, start: datetime, end: datetime
 ) -> AttitudeSeries:
-    """Return the attitudes of a contact in order of device time, one per frame. Raises BadInput if there are none or
-    too many."""
+    """Return the attitudes of a contact in order of device time, one per frame. Without a device time, the times are those of
+    reception. Raises BadInput if there are none or too many."""
     names = tuple(dict.fromkeys(role.fields().values()))
     attitudes: dict[float, Mapping[str, Any]] = {}
     for row in telemetry.rows(database, role.packet, names, start, end, contact_id=contact_id) if names else ():
         values: Mapping[str, Any] = role.read({n: v for n, v in zip(names, row.values, strict=True) if v is not None})
         if not role.frame_time_s or "frame_time_s" in values:
-            attitudes[float(values.get("frame_time_s", row.device_time_s))] = values
+            time_s = row.device_time_s or row.received.timestamp()
+            attitudes[float(values.get("frame_time_s", time_s))] = values
         if len(attitudes) > MAX_ATTITUDES:
             raise BadInput("too many attitudes", expected=f"up to {MAX_ATTITUDES}", hint="select a shorter contact")
     if not attitudes:

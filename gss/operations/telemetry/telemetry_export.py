@@ -53,7 +53,7 @@ def export(
 
 def _shaped(columns: Sequence[Column], row: Row, values: Sequence[Any], form: str) -> list[Any]:
     cells = [_in_form(c, value, form) for c, value in zip(columns, values, strict=True)]
-    return [row.received, row.device_time_s, row.contact_id, row.packet, *cells]
+    return [row.received, row.device_time_s or None, row.contact_id, row.packet, *cells]
 
 
 def _typed_row(columns: Sequence[Column], row: Row, values: Sequence[Any], form: str) -> list[Any]:

@@ -219,7 +219,7 @@ def _type(item: Item) -> pa.DataType:
 
 def _packet(row: Any, items: list[Item | Group] | None) -> tuple[datetime, dict[str, object]]:
     received, row_id, contact_id, device_time_s, request_id, values = row
-    columns = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s}
+    columns = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s or None}
     values_by_name: dict[str, object] = {}
     if items is None:
         values_by_name["values"] = json_text(values)

@@ -83,7 +83,8 @@ class CommandStage(Base):
 
 
 class TelemetryPacket(Base):
-    """Decoded packet, with engineering values by field name. ``id`` always increases."""
+    """Decoded packet, with engineering values by field name. ``id`` always increases. ``device_time_s``: 0 if the device
+    reports no time."""
 
     __tablename__ = "telemetry_packets"
     id: Mapped[int] = mapped_column(primary_key=True)
