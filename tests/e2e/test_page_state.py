@@ -196,3 +196,16 @@ def test_one_click_or_two_start_one_build_which_keeps_later_edits(page: Page) ->
     epoch.fill("1991,25")
     expect(page.get_by_text("a Julian year such as 1991.25 is needed")).to_be_visible()
     expect(page.locator("input[type=file]")).to_be_disabled()
+
+
+def test_two_clicks_send_one_command(page: Page) -> None:
+    """A double click or a second Enter on a confirmation sends the command once, also if the response is slow."""
+    held: list[Route] = []
+    page.route("**/api/commands", lambda r: held.append(r) if r.request.method == "POST" else r.continue_())
+    page.goto("/commands?command=RESET")
+    page.get_by_test_id("command-send").click()
+    page.get_by_test_id("hazard-queue").evaluate("(b) => { b.click(); b.click(); }")
+    expect(page.get_by_test_id("command-send")).to_have_text("Queueing …")
+    expect(page.get_by_test_id("hazard")).to_have_count(0)
+    assert len(held) == 1
+    held[0].abort()

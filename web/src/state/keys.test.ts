@@ -101,6 +101,23 @@ describe('a key that is held', () => {
   });
 });
 
+describe('a held Enter', () => {
+  const QUEUE = new FakeElement('BUTTON', ['[data-sends]']);
+  beforeEach(() => {
+    vi.resetModules();
+  });
+  it('does not press a button that sends, because the button received the focus from the same press', async () => {
+    const { press } = await keys();
+    expect(press('Enter', QUEUE, true)).toBe(true);
+    expect(press('Enter', QUEUE)).toBe(false);
+  });
+  it('does not submit a form again, but repeats in a text', async () => {
+    const { press } = await keys();
+    expect(press('Enter', new FakeElement('INPUT', ['input']), true)).toBe(true);
+    expect(press('Enter', new FakeElement('TEXTAREA'), true)).toBe(false);
+  });
+});
+
 describe('g without a letter', () => {
   it('does not take a letter that is pressed later', async () => {
     vi.resetModules();

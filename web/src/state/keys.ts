@@ -58,6 +58,9 @@ export function onKey(e: KeyboardEvent): void {
     else view.open('palette');
     return;
   }
+  // Enter opens a confirmation, which receives the focus while the key is still held.
+  if (e.key === 'Enter' && e.repeat && e.target instanceof Element && e.target.closest('[data-sends], input'))
+    return claim(e);
   if (e.target instanceof Element && e.target.closest('[data-guest-keys]')) return viewerKey(e);
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
   if (e.key === ' ') {
