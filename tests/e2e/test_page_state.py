@@ -199,11 +199,14 @@ def test_one_click_or_two_start_one_build_which_keeps_later_edits(page: Page) ->
 
 
 def test_two_clicks_send_one_command(page: Page) -> None:
-    """A double click or a second Enter on a confirmation sends the command once, also if the response is slow."""
+    """A double click or a second Enter on a confirmation sends the command once, also if the response is slow. A command
+    that only its value makes hazardous needs a confirmation, too."""
     held: list[Route] = []
     page.route("**/api/commands", lambda r: held.append(r) if r.request.method == "POST" else r.continue_())
-    page.goto("/commands?command=RESET")
+    page.goto("/commands?command=POWER")
+    page.get_by_test_id("command-form").get_by_role("button", name="off", exact=True).click()
     page.get_by_test_id("command-send").click()
+    expect(page.get_by_test_id("hazard")).to_contain_text("loses its stored content")
     page.get_by_test_id("hazard-queue").evaluate("(b) => { b.click(); b.click(); }")
     expect(page.get_by_test_id("command-send")).to_have_text("Queueing …")
     expect(page.get_by_test_id("hazard")).to_have_count(0)
