@@ -38,6 +38,19 @@ def test_an_operator_stores_runs_and_exports_a_procedure(client: TestClient) -> 
     assert [r["id"] for r in client.get("/api/procedure-runs").json()] == [run["id"]]
 
 
+def test_only_the_text_that_the_user_has_read_is_started(client: TestClient) -> None:
+    """A start that states the hash of a text is rejected if another user has changed the text since."""
+    stored = client.post("/api/procedures", json={"text": TEXT}).json()
+    path, start = f"/api/procedures/{stored['id']}", {"sha256": stored["sha256"]}
+    other = client.put(path, json={"text": TEXT.replace("GET_STATUS", "RESET"), "sha256": stored["sha256"]}).json()
+    rejected = client.post(f"{path}/start", json=start)
+    assert (rejected.status_code, "changed since" in rejected.json()["message"]) == (409, True)
+    assert client.get("/api/procedure-runs", params={"procedure_id": stored["id"]}).json() == []
+    run = client.post(f"{path}/start", json={"sha256": other["sha256"]}).json()
+    assert client.post(f"/api/procedure-runs/{run['id']}/stop", json={"reason": "test"}).json()["state"] == "stopped"
+    assert client.delete(path).status_code == 204
+
+
 def test_the_runs_of_a_procedure_before_a_run(client: TestClient) -> None:
     """Only earlier runs of the same procedure are returned, newest first, also after a change of its name."""
     texts = (TEXT, TEXT.replace("# Sign", "# Other", 1))

@@ -211,4 +211,19 @@ def test_two_clicks_send_one_command(page: Page) -> None:
     expect(page.get_by_test_id("command-send")).to_have_text("Queueing …")
     expect(page.get_by_test_id("hazard")).to_have_count(0)
     assert len(held) == 1
-    held[0].abort()
+    held[0].fulfill(status=409, json={"message": "Busy."})
+
+
+def test_the_quick_list_runs_the_text_that_it_shows(page: Page, served: Any) -> None:
+    """If another user has changed the shown procedure, it does not start; the page then shows its present text."""
+    text = "# Morning\n\n## send-1: Send\n\n```command\nGET_STATUS\n```\n"
+    stored = served.ask("POST", "/procedures", {"text": text})
+    page.goto("/commands")
+    step = page.get_by_test_id("quick-step")
+    expect(step).to_contain_text("GET_STATUS")
+    changed = {"text": text.replace("GET_STATUS", "LIST_TABLES"), "sha256": stored["sha256"]}
+    served.ask("PUT", f"/procedures/{stored['id']}", changed)
+    page.get_by_test_id("quick-run").click()
+    expect(page.get_by_text("The procedure has changed since you opened it").first).to_be_visible()
+    expect(step).to_contain_text("LIST_TABLES")
+    assert served.ask("GET", "/procedure-runs") == []

@@ -80,9 +80,12 @@ def start_procedure(
     app: App, procedure_id: RowId, body: ProcedureStartIn, user: User, audit_note: AuditNote
 ) -> ProcedureRunDetailOut:
     """Start a run. Commands are sent only when a step is run, or immediately if the run is automatic. An automatic start is
-    rejected if the user does not have the permission for one of the commands."""
+    rejected if the user does not have the permission for one of the commands. 409 if the text is not the one with the stated
+    hash."""
     audit_note(app.procedures.procedures.get(procedure_id).name, "automatic" if body.automatic else "", *body.confirm)
-    row = app.procedures.runs.begin(procedure_id, user=user, automatic=body.automatic, confirmed=body.confirm)
+    row = app.procedures.runs.begin(
+        procedure_id, user=user, sha256=body.sha256, automatic=body.automatic, confirmed=body.confirm
+    )
     return _detail(app, row)
 
 

@@ -92,9 +92,11 @@ class ProceduresOut(Out):
 
 class ProcedureStartIn(In):
     """Options for the start. ``automatic``: true to run the steps automatically until a step needs a user; ``confirm``:
-    names of hazardous commands that an automatic run sends without another confirmation."""
+    names of hazardous commands that an automatic run sends without another confirmation. ``sha256``: hash of the text to
+    run; "" runs the stored text."""
 
     automatic: bool = False
+    sha256: str = Field(default="", pattern="^([0-9a-f]{64})?$")
     confirm: list[Annotated[str, Field(max_length=60)]] = Field(default_factory=list, max_length=200)
 
 

@@ -44,10 +44,14 @@ class ProcedureService:
         """Return the procedures in the unit's instrument package: file name to text."""
         return dict(self._unit.procedures)
 
-    def get(self, procedure_id: int) -> Procedure:
-        """Return the procedure with that id. Raises NotFound."""
+    def get(self, procedure_id: int, sha256: str = "") -> Procedure:
+        """Return the procedure with that id. ``sha256``: hash of the text that the caller has; "" accepts each text. Raises
+        NotFound, and Conflict if the text has another hash."""
         with self._database.unit_of_work() as session:
-            return store.get(session, procedure_id)
+            row = store.get(session, procedure_id)
+        if sha256:
+            self._check_text(row, sha256, "Open the procedure again and read its text.")
+        return row
 
     def check(self, text: str) -> ProcedureCheck:
         """Read and check the text of a procedure. Raises BadInput if it is too long."""
@@ -80,13 +84,7 @@ class ProcedureService:
         the text. Raises NotFound, BadInput, and Conflict if another user has changed it since."""
         with self._database.unit_of_work() as session:
             row = store.get(session, procedure_id, lock=True)
-            if sha256 != hash_of(row.text):
-                raise Conflict(
-                    "The procedure has changed since you opened it",
-                    expected=f"the text of {row.author}, {iso_z(row.changed)}",
-                    got="an earlier text",
-                    hint="Copy your text, open the procedure again and change it.",
-                )
+            self._check_text(row, sha256, "Copy your text, open the procedure again and change it.")
             name = self._name(text)
             self._check_free(store.named(session, name), row.id)
             row.name, row.text, row.author, row.changed = name, text, user, self._now()
@@ -96,6 +94,16 @@ class ProcedureService:
         """Delete a procedure. The records of its runs remain stored. Raises NotFound."""
         with self._database.unit_of_work() as session:
             store.delete(session, procedure_id)
+
+    @staticmethod
+    def _check_text(row: Procedure, sha256: str, hint: str) -> None:
+        if sha256 != hash_of(row.text):
+            raise Conflict(
+                "The procedure has changed since you opened it",
+                expected=f"the text of {row.author}, {iso_z(row.changed)}",
+                got="an earlier text",
+                hint=hint,
+            )
 
     @staticmethod
     def _name(text: str) -> str:

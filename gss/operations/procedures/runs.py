@@ -109,17 +109,18 @@ class ProcedureRunner:
         procedure_id: int,
         *,
         user: str,
+        sha256: str = "",
         automatic: bool = False,
         confirmed: Sequence[str] = (),
         aborts: int | None = None,
     ) -> ProcedureRun:
-        """Start a run of a procedure. No command is sent by this call. ``confirmed``: names of hazardous commands that an
-        automatic run sends without another confirmation. ``aborts``: number of ABORTs that the pass plan of the run has
-        handled, None without a plan. The run of a plan continues at acquisition of signal. Raises BadInput with the first
-        mistake, Conflict if another procedure is running. An automatic run also raises NotPermitted if the user does not have
-        the permission for one of the commands, Conflict if another user holds command authority or the line is down."""
-        procedure = self._procedures.get(procedure_id)
-        document = self._procedures.valid(procedure)
+        """Start a run of a procedure. No command is sent by this call. ``sha256``: hash of the text that the user has, "" for any
+        text. ``confirmed``: names of hazardous commands that an automatic run sends without another confirmation. ``aborts``:
+        number of ABORTs that the pass plan of the run has handled, None without a plan. The run of a plan continues at
+        acquisition of signal. Raises BadInput with the first mistake, Conflict if the text is another one or if another
+        procedure is running. An automatic run also raises NotPermitted if the user does not have the permission for one of the
+        commands, Conflict if another user holds command authority or the line is down."""
+        document = self._procedures.valid(procedure := self._procedures.get(procedure_id, sha256))
         if automatic:
             self.confirmations(procedure_id, user=user)
             self._check_automatic(user)

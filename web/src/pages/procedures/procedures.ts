@@ -24,11 +24,12 @@ export const requests = {
       : body(PUT('/api/procedures/{procedure_id}', { params: { path: { procedure_id } }, body: { text, sha256 } })),
   remove: (procedure_id: number) =>
     body(DELETE('/api/procedures/{procedure_id}', { params: { path: { procedure_id } } })),
-  start: (procedure_id: number, automatic = false, confirm: string[] = []) =>
+  /** Start a procedure with the text that the page has. */
+  start: ({ id, sha256 }: { id: number; sha256: string }, automatic = false, confirm: string[] = []) =>
     body(
       POST('/api/procedures/{procedure_id}/start', {
-        params: { path: { procedure_id } },
-        body: { automatic, confirm },
+        params: { path: { procedure_id: id } },
+        body: { sha256, automatic, confirm },
       }),
     ),
   runs: () => body(GET('/api/procedure-runs', { params: { query: { limit: 50 } } })),
