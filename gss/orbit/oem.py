@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -18,7 +19,11 @@ from gss.orbit.trajectory import EphemerisSegment, EphemerisTrajectory, Trajecto
 MAX_STATES = 50_000
 MIN_STATES = 4
 MAX_ERROR_KM = 1.0
-"""Maximum error of an interpolated position: the error of a TLE at its epoch. Permits steps of 8 min in low orbits."""
+"""Maximum error of an interpolated position: the error of a TLE at its epoch. Permits steps of 8 min in low orbits, and of
+18 min with velocities."""
+VELOCITY_SHARE = 0.2
+"""Largest difference between stated velocities and the movement between states, as a share of this movement. Larger ones are in
+other units or missing."""
 EARLIEST_S, LATEST_S = -6e10, 2.5e11
 """Range of Unix seconds that a date can represent in every time scale."""
 MARGIN_S = 1.0
@@ -56,7 +61,7 @@ def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
         raise BadInput(
             "the OEM has an unusable number of states", expected=f"{MIN_STATES} to {MAX_STATES}", got=str(count)
         )
-    segments = tuple(_segment(np.array(states), m["REF_FRAME"]) for m, states in blocks if states)
+    segments = tuple(_segment(np.array(states), m) for m, states in blocks if states)
     in_segments = all((np.diff(segment.times_s) > 0).all() for segment in segments)
     # Consecutive segments can contain the same time at their boundary.
     if not in_segments or any(b.times_s[0] < a.times_s[-1] for a, b in pairwise(segments)):
@@ -74,7 +79,7 @@ def check_steps(orbit: EphemerisTrajectory) -> None:
             "the states of the OEM are too far apart for interpolation",
             expected=f"an error of at most {MAX_ERROR_KM:g} km between two states",
             got=f"about {error_km:.3g} km with {len(worst.times_s)} states and steps of up to {np.diff(worst.times_s).max():g} s",
-            hint="Export the ephemeris with smaller steps.",
+            hint="Export the ephemeris with smaller steps, or in ICRF with velocities and INTERPOLATION = HERMITE.",
         )
 
 
@@ -135,7 +140,7 @@ def _check_meta(meta: dict[str, str], name: str) -> None:
 
 
 def _state(line: int, statement: str, system: str) -> tuple[float, ...]:
-    """Return the Unix seconds and the position in km of a state. Velocities are ignored."""
+    """Return the Unix seconds, the position in km and the velocity in km/s of a state; NaN without a velocity."""
     parts = statement.split()
     try:
         numbers = tuple(float(part) for part in parts[1:])
@@ -148,17 +153,26 @@ def _state(line: int, statement: str, system: str) -> tuple[float, ...]:
     at_s = unix_s(omm_epoch(parts[0])) - BEHIND_UTC_S[system.upper()]
     if not EARLIEST_S < at_s < LATEST_S:
         raise BadInput(f"the time in line {line} of the OEM is out of range", got=parts[0][:40])
-    return at_s, *numbers[:3]
+    return at_s, *(numbers + (math.nan,) * 3)[:6]
 
 
-def _segment(states: Array, frame: str) -> EphemerisSegment:
-    """Return a segment of (n, 4) states (time, position) in a frame."""
-    return EphemerisSegment(states[:, 0], _teme(states, frame))
+def _segment(states: Array, meta: dict[str, str]) -> EphemerisSegment:
+    """Return a segment of (n, 7) states (time, position, velocity). Velocities are used if the OEM states Hermite interpolation.
+    They are ignored in rotating axes, in which programs state different velocities."""
+    times_s, frame = states[:, 0], meta["REF_FRAME"]
+    places_km = _teme(times_s, states[:, 1:4], frame)
+    if meta.get("INTERPOLATION", "").upper() != "HERMITE" or frame.upper().startswith(FIXED):
+        return EphemerisSegment(times_s, places_km)
+    velocities_km_s = _teme(times_s, states[:, 4:], frame)
+    moved_km = np.diff(places_km, axis=0)
+    by_velocity_km = np.diff(times_s)[:, None] * (velocities_km_s[1:] + velocities_km_s[:-1]) / 2
+    difference_km = np.linalg.norm(by_velocity_km - moved_km, axis=1)
+    agree = (difference_km <= VELOCITY_SHARE * np.linalg.norm(moved_km, axis=1)).all()
+    return EphemerisSegment(times_s, places_km, velocities_km_s if agree else None)
 
 
-def _teme(states: Array, frame: str) -> Array:
-    """Return (n, 3) positions in TEME of (n, 4) states (time, position) in a frame."""
-    times_s, positions = states[:, 0], states[:, 1:]
+def _teme(times_s: Array, positions: Array, frame: str) -> Array:
+    """Return (n, 3) vectors in TEME from a frame at (n,) Unix seconds."""
     name = frame.upper()
     if name == "TEME":
         return positions

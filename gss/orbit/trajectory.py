@@ -26,6 +26,8 @@ UNIX_EPOCH_JD = 2440587.5
 DAY_S = 86_400.0
 EPHEMERIS_POINTS = 8
 """Number of points of a Lagrange interpolation: the usual number for CCSDS OEM files with steps of one minute."""
+HERMITE_POINTS = 4
+"""Number of points of a Hermite interpolation: degree 7. More points are less accurate with steps of 20 min in low orbits."""
 
 
 Spans = tuple[tuple[float, float], ...]
@@ -93,34 +95,45 @@ VALID_DAYS = (-TLE_VALID_BEFORE_DAYS, TLE_VALID_DAYS)
 @dataclass(frozen=True)
 class EphemerisSegment:
     """States of an ephemeris between which positions are interpolated. ``times_s``: (n,) Unix seconds, increasing. ``places_km``:
-    (n, 3) positions in TEME."""
+    (n, 3) positions in TEME. ``velocities_km_s``: (n, 3), for Hermite interpolation; None for Lagrange interpolation."""
 
     times_s: Array
     places_km: Array
+    velocities_km_s: Array | None = None
+
+    @property
+    def _points(self) -> int:
+        return min(EPHEMERIS_POINTS if self.velocities_km_s is None else HERMITE_POINTS, len(self.times_s))
 
     def teme_km(self, seconds: Array) -> Array:
-        """Return (n, 3) positions at (n,) Unix seconds by Lagrange interpolation through the nearest states."""
-        points = min(EPHEMERIS_POINTS, len(self.times_s))
+        """Return (n, 3) positions at (n,) Unix seconds by interpolation through the nearest states."""
+        points = self._points
         first = np.searchsorted(self.times_s, seconds) - points // 2
         index = np.clip(first, 0, len(self.times_s) - points)[:, None] + np.arange(points)
         knots_s, places_km = self.times_s[index], self.places_km[index]
-        weights = np.ones_like(knots_s)
+        weights, slopes = np.ones_like(knots_s), np.zeros_like(knots_s)
         for j in range(points):
             for k in range(points):
                 if j != k:
                     weights[:, j] *= (seconds - knots_s[:, k]) / (knots_s[:, j] - knots_s[:, k])
-        return np.asarray(np.einsum("nk,nki->ni", weights, places_km))
+                    slopes[:, j] += 1 / (knots_s[:, j] - knots_s[:, k])
+        if self.velocities_km_s is None:
+            return np.asarray(np.einsum("nk,nki->ni", weights, places_km))
+        since_s = seconds[:, None] - knots_s
+        moved_km = since_s[..., None] * (self.velocities_km_s[index] - 2 * slopes[..., None] * places_km)
+        return np.asarray(np.einsum("nk,nki->ni", weights**2, places_km + moved_km))
 
     @property
     def error_km(self) -> float:
         """Largest error of an interpolated position: the remainder of the interpolation of a circular motion in the first or last
         interval, with the largest angle between two states and the largest distance from the Earth's centre."""
-        n = min(EPHEMERIS_POINTS, len(self.times_s))
+        n, values = self._points, 1 if self.velocities_km_s is None else 2
         if n == 1:
             return 0.0
         range_km = np.linalg.norm(self.places_km, axis=1)
         step_rad = separation_rad(self.places_km[1:], self.places_km[:-1]).max()
-        return float(range_km.max() * math.prod(abs(k - 0.5) / (k + 1) for k in range(n)) * step_rad**n)
+        distances = math.prod(abs(k - 0.5) for k in range(n))
+        return float(range_km.max() * (distances * step_rad**n) ** values / math.factorial(n * values))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Orbit files: TLE, OMM in three forms and OEM, compared with astropy's frames; and invalid files."""
 
 import json
+import re
 from datetime import UTC, datetime, timedelta
 
 import astropy.units as u
@@ -116,6 +117,21 @@ def test_states_that_are_too_far_apart_are_rejected() -> None:
     for text in (oem_with_segments((0, 600), step_s=600.0), oem_with_segments((0, 60), (60, 61))):
         with pytest.raises(BadInput, match="too far apart"):
             read_orbit(text)
+
+
+def test_stated_hermite_interpolation_permits_larger_steps() -> None:
+    """With velocities and INTERPOLATION = HERMITE, steps of 10 and 18 min in low orbit give errors below 10 m and 1 km.
+    Velocities that do not agree with the positions, or in rotating axes, are ignored.
+    """
+    expected, times_s = TleTrajectory.of(TLE), START.timestamp() + np.arange(1, 34_000, 50.0)
+    for step_s, error_km in ((600.0, 0.01), (1080.0, 1.0)):
+        stated = "REF_FRAME = ICRF\nINTERPOLATION = HERMITE\nINTERPOLATION_DEGREE = 7"
+        text = oem_with_segments((0, 600), step_s=step_s).replace("REF_FRAME = ICRF", stated)
+        difference_km = read_orbit(text).orbit.teme_km(times_s) - expected.teme_km(times_s)
+        assert np.linalg.norm(difference_km, axis=1).max() < error_km
+    for wrong in (text.replace("= ICRF", "= ITRF"), re.sub(r"( \S+){3}\n", " 0 0 0\n", text)):
+        with pytest.raises(BadInput, match="too far apart"):
+            read_orbit(wrong)
 
 
 def test_an_exported_time_is_the_time_of_its_position() -> None:
