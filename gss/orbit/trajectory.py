@@ -24,6 +24,8 @@ from gss.domain.errors import BadInput
 
 UNIX_EPOCH_JD = 2440587.5
 DAY_S = 86_400.0
+EARTH_KM3_S2 = 398_600.4418
+"""Gravitational constant of the Earth (IERS Conventions 2010 table 1.1)."""
 EPHEMERIS_POINTS = 8
 """Number of points of a Lagrange interpolation: the usual number for CCSDS OEM files with steps of one minute."""
 HERMITE_POINTS = 4
@@ -126,12 +128,14 @@ class EphemerisSegment:
     @property
     def error_km(self) -> float:
         """Largest error of an interpolated position: the remainder of the interpolation of a circular motion in the first or last
-        interval, with the largest angle between two states and the largest distance from the Earth's centre."""
+        interval, with the largest angle between two states and the largest distance from the Earth's centre. The angle is at
+        least that of a circular orbit at this distance: states a revolution apart have almost the same direction."""
         n, values = self._points, 1 if self.velocities_km_s is None else 2
         if n == 1:
             return 0.0
         range_km = np.linalg.norm(self.places_km, axis=1)
-        step_rad = separation_rad(self.places_km[1:], self.places_km[:-1]).max()
+        circular_rad = np.diff(self.times_s).max() * math.sqrt(EARTH_KM3_S2 / max(range_km.max(), 1.0) ** 3)
+        step_rad = max(separation_rad(self.places_km[1:], self.places_km[:-1]).max(), circular_rad)
         distances = math.prod(abs(k - 0.5) for k in range(n))
         return float(range_km.max() * (distances * step_rad**n) ** values / math.factorial(n * values))
 

@@ -110,11 +110,13 @@ def test_segments_can_share_the_time_of_their_boundary() -> None:
 
 
 def test_states_that_are_too_far_apart_are_rejected() -> None:
-    """Steps of 8 min in low orbit give an error below 1 km. Larger steps and segments of two states are rejected."""
+    """Steps of 8 min in low orbit give an error below 1 km. Larger steps, also of a revolution, and segments of two states are
+    rejected."""
     read, expected = read_orbit(oem_with_segments((0, 600), step_s=480.0)), TleTrajectory.of(TLE)
     times_s = START.timestamp() + np.arange(0, 35_521, 50.0)
     assert np.linalg.norm(read.orbit.teme_km(times_s) - expected.teme_km(times_s), axis=1).max() < 1.0
-    for text in (oem_with_segments((0, 600), step_s=600.0), oem_with_segments((0, 60), (60, 61))):
+    revolution = oem_with_segments((0, 2880), step_s=5574.0)
+    for text in (oem_with_segments((0, 600), step_s=600.0), revolution, oem_with_segments((0, 60), (60, 61))):
         with pytest.raises(BadInput, match="too far apart"):
             read_orbit(text)
 
