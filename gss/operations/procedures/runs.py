@@ -116,10 +116,9 @@ class ProcedureRunner:
     ) -> ProcedureRun:
         """Start a run of a procedure. No command is sent by this call. ``sha256``: hash of the text that the user has, "" for any
         text. ``confirmed``: names of hazardous commands that an automatic run sends without another confirmation. ``aborts``:
-        number of ABORTs that the pass plan of the run has handled, None without a plan. The run of a plan continues at
-        acquisition of signal. Raises BadInput with the first mistake, Conflict if the text is another one or if another
-        procedure is running. An automatic run also raises NotPermitted if the user does not have the permission for one of the
-        commands, Conflict if another user holds command authority or the line is down."""
+        number of ABORTs that the run's pass plan has handled, None without a plan. Raises BadInput with the first mistake, Conflict
+        if the text is another one or another procedure is running. An automatic run also raises NotPermitted if the user does not
+        have the permission for one of the commands, Conflict if another user holds command authority or the line is down."""
         document = self._procedures.valid(procedure := self._procedures.get(procedure_id, sha256))
         if automatic:
             self.confirmations(procedure_id, user=user)
