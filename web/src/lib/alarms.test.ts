@@ -59,6 +59,14 @@ describe('the header', () => {
     expect(headerAlarms(reported, rows)).toHaveLength(open);
     expect(open).toBe(3);
   });
+  it('shows an alarm whose row is not loaded', () => {
+    const reported = [line('alarm-1', 'critical'), line('alarm-2', 'warning')];
+    const alarms = headerAlarms(reported, [row(2, 'raised', 'warning', 'warning')]);
+    expect(alarms.map((a) => [a.id, a.level])).toEqual([
+      [null, 'critical'],
+      [2, 'warning'],
+    ]);
+  });
   it('shows a link without packets once', () => {
     const loss = row(1, 'raised', 'warning', 'warning', { packet: 'link', field: 'housekeeping' });
     expect(conditions([line('silent', 'warning')], [loss])).toEqual([]);

@@ -40,14 +40,19 @@ export function lampOfAlarms(list: readonly OpenAlarm[]): LampState | undefined 
   return first && !first.shelved ? lampOf(levelOf(first)) : undefined;
 }
 
-/** Return the conditions of the link that have no alarm row. They end automatically and cannot be acknowledged. */
+/**
+ * Return what the link reports without an alarm row: conditions, which end automatically and cannot be acknowledged,
+ * and alarms whose row is not loaded.
+ */
 export function conditions(reported: readonly Condition[], rows: readonly OpenAlarm[]): Condition[] {
-  const silenceHasRow = rows.some((a) => a.packet === 'link' && a.field === 'housekeeping' && a.state !== 'cleared');
-  return reported.filter((c) => !c.id.startsWith('alarm-') && !(c.id === 'silent' && silenceHasRow));
+  const withRow = new Set(rows.map((a) => `alarm-${a.id}`));
+  if (rows.some((a) => a.packet === 'link' && a.field === 'housekeeping' && a.state !== 'cleared'))
+    withRow.add('silent');
+  return reported.filter((c) => !withRow.has(c.id));
 }
 
 export interface HeaderAlarm {
-  /** Null for a condition of the link, which has no alarm row. */
+  /** Null for what the link reports without an alarm row. */
   id: number | null;
   level: string;
   text: string;

@@ -5,6 +5,7 @@ import { api } from '../api/client';
 import { sessionHooks } from '../api/http';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
+import { delayed } from '../lib/delayed';
 import { problemOf, problemText } from '../lib/problems';
 import { commandOrder } from '../lib/requestOrder';
 import { hasEnded, isFailure, mergeCommands, resultState, retained } from '../lib/stages';
@@ -27,7 +28,7 @@ export function keyOf(v: { name: string; packet: string }): string {
 
 const SPARK_POINTS = 60;
 const HISTORY = 300;
-const CHECK_MS = 5000;
+const [CHECK_MS, RETRY_MS] = [5000, 5000];
 
 /* Lists are replaced and never changed in place; otherwise each field of each row would be reactive. */
 class Live {
@@ -70,6 +71,8 @@ class Live {
   filled = $state('');
   clockSkewMs = 0;
   private startedBefore: string | null = null;
+  /** Load all state again after a failed request. While the page is offline, the next connection loads it. */
+  private readonly loadLater = delayed(() => this.online && void this.load(), RETRY_MS);
   private dictionaryGeneration = 0;
   private readonly updates = new UpdateLog();
 
@@ -224,7 +227,7 @@ class Live {
 
   async loadDictionary(): Promise<void> {
     const own = ++this.dictionaryGeneration;
-    const dictionary = await api.dictionary().catch(() => null);
+    const dictionary = await api.dictionary().catch(() => void this.loadLater());
     if (dictionary && own === this.dictionaryGeneration) this.dictionary = dictionary;
   }
 
@@ -237,7 +240,7 @@ class Live {
       (v: V): void => {
         if (!updates.has(kind)) put(v);
       };
-    await Promise.allSettled([
+    const parts = await Promise.allSettled([
       api.link().then(
         unlessUpdated('link', (v) => {
           this.setClock(v);
@@ -249,12 +252,8 @@ class Live {
       Promise.all([api.commands(100), api.findCommands({ result: ['unknown'] })]).then(([v, unknown]) => {
         this.commands = merged('command', mergeCommands(v, unknown), this.commands, updates);
       }),
-      api.cycles(12).then((v) => {
-        this.cycles = mergedBy((c) => c.iteration, 'cycle', v, this.cycles, updates);
-      }),
-      api.transfers(20).then((v) => {
-        this.transfers = merged('transfer', v, this.transfers, updates);
-      }),
+      api.cycles(12).then((v) => (this.cycles = mergedBy((c) => c.iteration, 'cycle', v, this.cycles, updates))),
+      api.transfers(20).then((v) => (this.transfers = merged('transfer', v, this.transfers, updates))),
       api.authority().then(unlessUpdated('authority', (v) => (this.authority = v))),
       api.alarms(true).then((v) => {
         this.alarms = byUrgency(merged('alarm', v, this.alarms, updates));
@@ -269,6 +268,7 @@ class Live {
       }),
     ]);
     this.updates.end(updates);
+    if (parts.some((p) => p.status === 'rejected')) this.loadLater();
     this.loads += 1;
     this.frameTick += 1;
   }

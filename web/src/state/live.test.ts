@@ -1,4 +1,4 @@
-import { expect, test, vi } from 'vitest';
+import { afterEach, beforeEach, expect, test, vi } from 'vitest';
 import type { AlarmRow, Command, Link, Stage } from '../api/types';
 
 type Listener = (e: { data: string; lastEventId: string }) => void;
@@ -12,12 +12,17 @@ class Source {
   }
 }
 
-test('an alarm is handled at once while the tab is hidden, because its sound is needed then', async () => {
-  const storage = { getItem: () => null, setItem: () => undefined };
+beforeEach(() => {
   vi.stubGlobal('EventSource', Source);
-  vi.stubGlobal('localStorage', storage);
+  vi.stubGlobal('localStorage', { getItem: () => null, setItem: () => undefined });
   vi.stubGlobal('document', { hidden: true, addEventListener: () => undefined });
   vi.useFakeTimers();
+});
+afterEach(() => {
+  vi.useRealTimers();
+});
+
+test('an alarm is handled at once while the tab is hidden, because its sound is needed then', async () => {
   const { live } = await import('./live.svelte');
   const stream = live.start();
   const alarm = { id: 7, state: 'raised', level: 'critical', worst: 'critical', raised: '2026-12-01T18:00:00Z' };
@@ -56,4 +61,16 @@ test('whether a command can be retried is read again when another unit answers',
   expect(shown()).toBe(true);
   live.put('link', { device: 'FM-2' } as Link);
   await vi.waitFor(() => expect(shown()).toBe(false));
+});
+
+test('a part of the state that could not be loaded is loaded again', async () => {
+  const { live } = await import('./live.svelte');
+  const { api } = await import('../api/client');
+  vi.stubGlobal('fetch', () => Promise.reject(new Error('no connection')));
+  vi.spyOn(api, 'alarms').mockRejectedValueOnce(new Error('The database is busy.')).mockResolvedValue([]);
+  live.online = true;
+  await live.load();
+  expect(live.alarmsRead).toBe(false);
+  await vi.advanceTimersByTimeAsync(5000);
+  expect(live.alarmsRead).toBe(true);
 });
