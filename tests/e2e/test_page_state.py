@@ -50,6 +50,9 @@ ALARM = {
 }
 
 
+TWO_CLICKS = "(button) => { button.click(); button.click(); }"
+
+
 def once(content: Any) -> Callable[[Route], None]:
     """Return a handler that answers the first request. Later requests get no response."""
     contents = [content]
@@ -200,18 +203,25 @@ def test_one_click_or_two_start_one_build_which_keeps_later_edits(page: Page) ->
 
 def test_two_clicks_send_one_command(page: Page) -> None:
     """A double click or a second Enter on a confirmation sends the command once, also if the response is slow. A command
-    that only its value makes hazardous needs a confirmation, too."""
+    that only its value makes hazardous needs a confirmation, too. A double click schedules a command once."""
     held: list[Route] = []
-    page.route("**/api/commands", lambda r: held.append(r) if r.request.method == "POST" else r.continue_())
+    for path in ("**/api/commands", "**/api/schedule"):
+        page.route(path, lambda r: held.append(r) if r.request.method == "POST" else r.continue_())
     page.goto("/commands?command=POWER")
     page.get_by_test_id("command-form").get_by_role("button", name="off", exact=True).click()
     page.get_by_test_id("command-send").click()
     expect(page.get_by_test_id("hazard")).to_contain_text("loses its stored content")
-    page.get_by_test_id("hazard-queue").evaluate("(b) => { b.click(); b.click(); }")
+    page.get_by_test_id("hazard-queue").evaluate(TWO_CLICKS)
     expect(page.get_by_test_id("command-send")).to_have_text("Queueing …")
     expect(page.get_by_test_id("hazard")).to_have_count(0)
-    assert len(held) == 1
-    held[0].fulfill(status=409, json={"message": "Busy."})
+    page.get_by_test_id("schedule-add").click()
+    page.get_by_test_id("schedule-command").select_option("GET_STATUS")
+    expect(page.get_by_test_id("schedule-send")).to_be_enabled()
+    page.get_by_test_id("schedule-send").evaluate(TWO_CLICKS)
+    expect(page.get_by_test_id("schedule-send")).to_be_disabled()
+    assert [route.request.url.rsplit("/", 1)[1] for route in held] == ["commands", "schedule"]
+    for route in held:
+        route.fulfill(status=409, json={"message": "Busy."})
 
 
 def test_the_quick_list_runs_the_text_that_it_shows(page: Page, served: Any) -> None:
