@@ -43,7 +43,7 @@ const DRAWN: Record<string, [Source, ...string[]]> = {
   'active bank of a catalogue': ['device', 'pages/catalogues/Page: from="housekeeping"'],
   'settings on board, schedule on board': [
     'device',
-    "pages/commands/SchedulePanel: isCurrent('device')",
+    "pages/commands/SchedulePanel: from={e.state === 'waiting' ? 'device' : 'record'}",
     "pages/live/CommandPanel: isCurrent('device')",
   ],
   'Key telemetry, telemetry table and its pages': [
