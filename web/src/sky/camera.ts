@@ -117,12 +117,16 @@ export function undistort(d: Record<string, unknown>, p: Point): [number, number
   }
 }
 
-/** Return the ICRS direction of a pixel in degrees. `exact` is false if the distortion model is not supported here. */
+/**
+ * Return the ICRS direction of a pixel in degrees. `exact` is false if the distortion model is not supported here, or
+ * if the attitude is corrected for aberration (null: it is not), which the direction still contains.
+ */
 export function pixelToSky(
   camera: Camera,
   q: readonly number[],
   col: number,
   row: number,
+  aberrationArcsec: number | null = null,
 ): { ra: number; dec: number; exact: boolean } {
   const measured: Point = [
     (col - camera.centre_col_px) / camera.focal_col_px,
@@ -130,5 +134,5 @@ export function pixelToSky(
   ];
   const ideal = undistort(camera.distortion, measured);
   const [x, y] = ideal ?? measured;
-  return { ...raDec(applyTransposed(matrixOf(q), [x, y, 1])), exact: ideal !== null };
+  return { ...raDec(applyTransposed(matrixOf(q), [x, y, 1])), exact: ideal !== null && aberrationArcsec === null };
 }

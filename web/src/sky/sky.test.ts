@@ -3,6 +3,7 @@ import { matrixOf, pixelToSky, raDec, separationDeg, undistort, unit, type Camer
 import { pixelAt, pixelCentre } from '../pages/builder/healpix';
 import { overlaps, placeLabels, type Want } from './labels';
 import { mollweideRaw, skyProjection } from './mollweide';
+import { pixelValue } from './pixelValue';
 import { grey, paint, table } from './stretch';
 
 const camera: Camera = {
@@ -49,6 +50,31 @@ describe('direction of a pixel', () => {
   });
   it('reports a distortion model that it does not support', () => {
     expect(pixelToSky({ ...camera, distortion: { model: 'Fisheye' } }, q, 0, 0).exact).toBe(false);
+  });
+  it('is approximate if the attitude is corrected for aberration', () => {
+    expect(pixelToSky(camera, q, 0, 0, 20.5).exact).toBe(false);
+  });
+});
+
+describe('value of a pixel', () => {
+  const image = {
+    columns: 4,
+    rows: 2,
+    bits: 8,
+    pixels: new Uint8Array([0, 1, 2, 3, 4, 5, 6, 7]),
+    offset: 10,
+    scale: 2,
+  };
+  it('is null outside the image', () => {
+    expect(pixelValue(image, null, 1, 1)).toBe(20);
+    expect(pixelValue(image, null, 4, 1)).toBeNull();
+  });
+  it('is null if the pixel was not received', () => {
+    const rows = { complete: false, held: [], rows_held: [[1, 1]] as [number, number][] };
+    expect([pixelValue(image, rows, 1, 0), pixelValue(image, rows, 1, 1)]).toEqual([null, 20]);
+    const part = { ...rows, rows_held: [], held: [[2, 0, 1, 2]] as [number, number, number, number][] };
+    expect([1, 2, 3].map((col) => pixelValue(image, part, col, 0))).toEqual([null, 14, null]);
+    expect(pixelValue(image, { ...rows, complete: true }, 0, 0)).toBe(10);
   });
 });
 
