@@ -237,3 +237,23 @@ def test_the_quick_list_runs_the_text_that_it_shows(page: Page, served: Any) -> 
     expect(page.get_by_text("The procedure has changed since you opened it").first).to_be_visible()
     expect(step).to_contain_text("LIST_TABLES")
     assert served.ask("GET", "/procedure-runs") == []
+
+
+def test_the_history_and_the_last_commands_are_read_from_the_server(page: Page, served: Any) -> None:
+    """Commands of the contact are listed, and the last ones of a command, although they are not among the latest commands
+    of the page. If the commands of a filter cannot be loaded, the page states this instead of showing others."""
+    sent = served.ask("POST", "/commands", {"name": "GET_STATUS", "arguments": {}})
+    old = {**sent, "id": 9_000_000, "name": "ERASE_BANK", "result": "completed"}
+    for part in ("contact=", "name=ERASE_BANK"):
+        page.route(re.compile(rf"/api/commands\?.*{part}"), lambda route: route.fulfill(json=[old]))
+    page.goto("/commands?command=ERASE_BANK&side=about")
+    rows = page.get_by_test_id("history-row")
+    expect(rows).to_have_count(1)
+    expect(rows).to_have_attribute("data-command", "ERASE_BANK")
+    facts = page.get_by_test_id("command-facts")
+    expect(facts.locator(".sent")).to_have_count(1)
+    expect(facts).not_to_contain_text("Not sent yet")
+    page.route(re.compile(r"/api/commands\?.*text="), lambda r: r.fulfill(status=429, json={"message": "Too busy."}))
+    page.get_by_test_id("history-text").fill("other")
+    expect(page.get_by_test_id("history").get_by_role("alert")).to_contain_text("Too busy.")
+    expect(rows).to_have_count(0)
