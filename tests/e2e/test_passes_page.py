@@ -21,7 +21,10 @@ def test_a_pass_is_shown_after_importing_orbit_and_station(page, tle_of, picture
     page.get_by_test_id("orbit-text").fill(broken[:-1] + str((int(broken[-1]) + 1) % 10))
     page.get_by_test_id("orbit-save").click()
     expect(page.get_by_test_id("orbit-problem")).to_contain_text("wrong checksum")
-    page.get_by_test_id("orbit-text").fill(tle_of(5))
+    for name in ("first.tle", "second.tle"):  # the source is the file whose text is imported
+        file = {"name": name, "mimeType": "text/plain", "buffer": tle_of(5).encode()}
+        page.get_by_test_id("orbit-file").set_input_files(file)
+        expect(page.get_by_test_id("orbit-source")).to_have_value(name)
     page.get_by_test_id("orbit-source").fill("tracking service")
     page.get_by_test_id("orbit-save").click()
     expect(page.get_by_test_id("orbit-panel")).to_contain_text("5.0 days old")
