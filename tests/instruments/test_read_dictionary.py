@@ -75,7 +75,7 @@ def test_names_that_equal_a_description_key_are_part_of_the_layout() -> None:
         ("{linear: [0.0625, -50.0]}", "{eval: [0.0625, -50.0]}", "unknown conversion"),
         ("{field: mode, op: ne,", "{field: mood, op: ne,", "unknown field"),
         ("{field: mode, op: ne,", "{field: mode, op: is,", "unknown operator"),
-        ("op: ne, value: standby", "op: ne, value: stand_by", "mode cannot have this value; expected standby |"),
+        ("op: ne, value: standby", "op: ne, value: idle", "mode cannot have this value; expected standby |"),
         ("idempotent: true", "idempotent: yes", "idempotent is not a boolean; expected true or false; got 'yes'"),
         ("accept_s: 1.0", "accept_s: .nan", "accept_s: not a finite number; got nan"),
         ("accept_s: 1.0", "accept_s: 0", "accept_s is not above 0"),

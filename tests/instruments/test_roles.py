@@ -51,7 +51,7 @@ def test_every_command_is_in_a_subsystem_that_has_a_permission() -> None:
             "TAKE_IMAGE has no argument place",
         ),
         (
-            "operations:\n  stop_cycle: {command: SET_MODE, fixed: {mode: stand_by}}\n",
+            "operations:\n  stop_cycle: {command: SET_MODE, fixed: {mode: idle}}\n",
             "line 2: operations.stop_cycle.fixed.mode",
             "mode has no such choice; expected standby |",
         ),

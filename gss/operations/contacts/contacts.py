@@ -309,9 +309,7 @@ class ContactService:
         )
         rows_in_order = sorted(rows, key=lambda r: r.id)
         samples = [
-            HousekeepingSample(
-                r.received.timestamp(), r.device_time_s or r.received.timestamp(), _number(r.values[0]), contact_id
-            )
+            HousekeepingSample(at := r.received.timestamp(), r.device_time_s or at, _number(r.values[0]), contact_id)
             for r in rows_in_order
         ]
         ground_jumps = [Happening(jump.at.timestamp(), GROUND_CLOCK, jump.text) for jump in jumps]

@@ -48,7 +48,7 @@ class TruthRecord(TypedDict):
     error_roll_arcsec: float
 
 
-class Intervals:
+class ImageIntervals:
     """Times between successive images. ``stated_s``: time between images without time stamps. It is also used from the first
     two images with equal time stamps on, because the stamps are then too coarse."""
 
@@ -70,11 +70,11 @@ class Sequencer:
     """Solves images one after another. ``follow``: True to use each solution as the hint for the next image, False to use
     ``hint`` for all images.
 
-    ``interval_s``: see :class:`Intervals`. If a tracked image is not solved, it is tried again without a hint.
+    ``interval_s``: see :class:`ImageIntervals`. If a tracked image is not solved, it is tried again without a hint.
     """
 
     def __init__(self, follow: bool, interval_s: float | None, hint: BoundedPrior | None) -> None:
-        self._follow, self._intervals, self._hint = follow, Intervals(interval_s), hint
+        self._follow, self._intervals, self._hint = follow, ImageIntervals(interval_s), hint
         self._before: tuple[Attitude, datetime | None] | None = None
         self._system: SystemSequencer | None = None
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
-from gss.operations.frames.image_sequence import Intervals, RateRecord, rate_record
+from gss.operations.frames.image_sequence import ImageIntervals, RateRecord, rate_record
 from gss.pipeline.chains.far_mst_detect import find_centroids
 from gss.pipeline.chains.far_mst_parameters import default_parameters
 from gss.pipeline.chains.options import with_options
@@ -36,7 +36,7 @@ class StarRateRecord(TypedDict):
 
 
 class StarRateSequencer:
-    """Measures the rate between successive images. ``interval_s``: see :class:`Intervals`. ``method``: matcher
+    """Measures the rate between successive images. ``interval_s``: see :class:`ImageIntervals`. ``method``: matcher
     between frames. ``options``: changed constants of the chain far_mst. After an image without a rate, the next rate is
     measured relative to that image, without an expected rotation."""
 
@@ -47,7 +47,7 @@ class StarRateSequencer:
         method: str = "auto",
         options: Mapping[str, str] | None = None,
     ) -> None:
-        self._profile, self._intervals, self._method = profile, Intervals(interval_s), method
+        self._profile, self._intervals, self._method = profile, ImageIntervals(interval_s), method
         self._options = options or {}
         self._before: tuple[Centroids, datetime | None] | None = None
         self._rate: Rate | None = None
