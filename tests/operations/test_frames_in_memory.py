@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 from sqlalchemy.exc import IntegrityError
 
+from gss.device.session_events import Direction, TransferDone
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames import solve_queue
 from gss.operations.frames.onboard_results import OnboardRecord
+from gss.operations.line.line_events import LineBatch
+from gss.operations.transfers.arrivals import ContentArrived
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
+from gss.store.models import Transfer
 from gss.wiring.build import build
 from gss.wiring.services import Services
 
@@ -96,3 +100,14 @@ def test_an_on_board_result_stays_if_its_replacement_cannot_be_stored(services: 
     second = frames.add_on_board(frame, OnboardRecord(1, attitude={"outcome": "none"}))
     on_board = [row.id for row in frames.detail(frame.id).solutions if row.origin == "on board"]
     assert on_board == [second.id]
+
+
+def test_a_downloaded_frame_without_a_time_has_an_unknown_time(services: Services) -> None:
+    """The time of its download is not the time of its exposure."""
+    info = {"frame_number": 7, "columns": 4, "rows": 3, "bits": 8}
+    transfer = Transfer(id=1, kind="frame", target="2", options={"facts": {"info": info}})
+    done = TransferDone(1, Direction.DOWN, "frame", 2, 7, bytes(12), "")
+    arrived = ContentArrived(transfer, done)
+    services.intake.frames.handle(LineBatch((arrived,), datetime.now(UTC), 0.0))
+    services.transfers.writer.finish(20)
+    assert not services.frames.frames.get(arrived.answers.links()["frame_id"]).time_known

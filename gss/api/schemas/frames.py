@@ -27,8 +27,8 @@ class AttitudeOut(Out):
 class FrameOut(Out):
     """Stored frame with its operational ground result (``verdict`` to ``attitude``). ``part``: empty, thumbnail, region
     or star_windows; ``held``: rectangles (first column, first row, columns, rows) with received pixels if only a part
-    was downloaded; empty otherwise. ``time_known``: false if the imported file states no time; ``taken`` is then the time
-    of the import."""
+    was downloaded; empty otherwise. ``time_known``: false if the imported file or the device states no time; ``taken`` is
+    then the time of the import or download."""
 
     id: int
     number: int | None

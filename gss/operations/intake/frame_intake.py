@@ -79,7 +79,8 @@ class FrameIntake:
         number = int(info["frame_number"])
         if not self._records.described(number, info):
             return
-        if self._link.roles.quantities.frame.number_is_time and self._frames.has_number(number, self._taken(info)):
+        is_time, taken = self._link.roles.quantities.frame.number_is_time, self._taken(info)
+        if is_time and taken is not None and self._frames.has_number(number, taken):
             return
         sent = self._images.frame_of(info)
         if sent is not None:
@@ -182,12 +183,14 @@ class FrameIntake:
     def _row_values(self, transfer: Transfer, number: int, facts: FrameFacts) -> dict[str, object]:
         """Return the columns of a frame's row that do not depend on its pixels."""
         hello, kind, info, settings = self._link.hello, transfer.kind, facts.info, facts.settings
+        taken = self._taken(info)
         return {
             "contact_id": self._link.contact_id or transfer.contact_id,
             "number": number or None,
             "slot": int(transfer.target),
             "name": _name(kind, number),
-            "taken": self._taken(info),
+            "taken": taken or self._now(),
+            "time_known": taken is not None,
             "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
             "profile": hello.profile if hello and kind != "thumbnail" else None,
             "mode": str(info["mode"]) if "mode" in info else None,
@@ -211,13 +214,14 @@ class FrameIntake:
             self._records.stored(number, frame)
         return {"frame_id": frame.id}
 
-    def _taken(self, info: Mapping[str, Any]) -> datetime:
-        """Return the mid-exposure time of a frame on the ground's clock. It is calculated from the correlation of the clocks. If
-        there is no correlation, it is calculated relative to the latest housekeeping packet."""
+    def _taken(self, info: Mapping[str, Any]) -> datetime | None:
+        """Return the mid-exposure time of a frame on the ground's clock, None if the device did not report it. It is calculated
+        from the correlation of the clocks. If there is no correlation, it is calculated relative to the latest housekeeping
+        packet."""
         now = self._now()
         newest = self._telemetry.latest_packet(self._link.roles.quantities.status.packet)
         if newest is None or not newest.device_time_s or "frame_time_s" not in info:
-            return now
+            return None
         correlation = self._clock()
         if correlation is not None:
             # If one correlation is used for all frames of a contact, their times keep the intervals of the device's

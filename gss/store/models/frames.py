@@ -31,7 +31,7 @@ class Frame(Base):
     when retention deleted the pixels; ``favourite``: true if retention must keep them. ``profile`` and
     ``instrument_version``: name and version (SHA-256) of the instrument; null: unknown. ``stored_bytes``: size of the
     pixels in the store; null in rows of schemas before 0011, whose pixels are not compressed. ``time_known``: false if the
-    imported file does not state a time; ``taken`` is then the time of the import."""
+    imported file or the device does not state a time; ``taken`` is then the time of the import or download."""
 
     __tablename__ = "frames"
     id: Mapped[int] = mapped_column(primary_key=True)
