@@ -14,14 +14,14 @@ from gss.domain.errors import Conflict, StoreDown
 
 
 def own_folder(folder: Path) -> None:
-    """Create a data folder that only its owner can access. If the folder already exists, remove the access rights of
-    other users."""
+    """Create a folder of data that only its owner can access. If an existing folder is open to all users, close it. One
+    that is open only to its group was given to this group."""
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
     elif folder.stat().st_mode & 0o007:
         with contextlib.suppress(PermissionError):  # the folder belongs to another user
-            folder.chmod(folder.stat().st_mode & 0o770)
+            folder.chmod(folder.stat().st_mode & 0o700)
 
 
 @contextmanager

@@ -66,17 +66,21 @@ def test_a_backup_is_restored_and_checked_from_the_shell(folder, tmp_path, capsy
 
 
 def test_only_the_owner_can_read_a_backup_and_a_restored_folder(folder, tmp_path, capsys):
-    """No other user can access the files and folders that backup and restore create. The umask is restored."""
-    umask = os.umask(0o022)
+    """No other user can access the files and folders that backup and restore create, nor earlier backups
+    that were open to all. The umask is restored."""
+    umask, earlier = os.umask(0o022), tmp_path / "safe" / "2026-01-01T000000Z"
     try:
+        earlier.mkdir(parents=True)
+        (tmp_path / "safe" / "blobs" / "00").mkdir(parents=True)
         assert main(["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--json"]) == 0
         made = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 0
         assert os.umask(0o022) == 0o022
     finally:
         os.umask(umask)
-    created = [path for name in ("safe", "new") for path in (tmp_path / name, *(tmp_path / name).rglob("*"))]
-    assert {tmp_path / "new" / "gss.db", tmp_path / "safe" / made["name"] / "gss.db"} <= set(created)
+    (tmp_path / "safe" / "blobs" / "00").rmdir()
+    created = [*(tmp_path / "safe").rglob("*"), tmp_path / "new", *(tmp_path / "new").rglob("*")]
+    assert {tmp_path / "new" / "gss.db", tmp_path / "safe" / made["name"] / "gss.db", earlier} <= set(created)
     assert [str(path) for path in created if path.stat().st_mode & 0o077] == []
 
 

@@ -185,7 +185,7 @@ def test_with_tls_files_the_server_speaks_https_and_sets_secure_cookies(start, t
 )
 def test_workers_units_and_sensors_start_as_new_processes(start, shell, tmp_path, arguments, addresses):
     """Other tests fork these processes from a preloaded one. Here, each imports everything itself, the lines of all simulated
-    sensors work, and SIGINT ends all processes.
+    sensors work, SIGINT ends all processes, and only the owner can read their files.
     """
     folder = tmp_path / "data"
     shell("user", "add", "ann", "--role", "admin", "--password-stdin", "--data", str(folder), stdin=PASSWORD + "\n")
@@ -208,6 +208,7 @@ def test_workers_units_and_sensors_start_as_new_processes(start, shell, tmp_path
     while (left := [pid for pid in started if Path(f"/proc/{pid}").exists()]) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert left == []
+    assert [path for path in (folder, *folder.rglob("*")) if path.stat().st_mode & 0o077] == []
 
 
 def _descendants(pid: int) -> list[int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import signal
 import sys
 import threading
@@ -41,7 +40,6 @@ def serve_unit(settings_json: str, path: Path) -> None:
     from gss.store.engine import sole_server
 
     settings = Settings(**json.loads(settings_json))
-    os.umask(0o077)
     threading.Thread(target=stop_with_parent, name="parent", daemon=True).start()
     try:
         with contextlib.ExitStack() as stack:

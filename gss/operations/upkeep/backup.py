@@ -24,7 +24,7 @@ from gss.domain.errors import BadInput, CorruptData, GssError, NotFound
 from gss.instruments.registry import installed_files
 from gss.operations.clock import Now, iso_z
 from gss.operations.events import EventBus
-from gss.operations.folder_lock import named_lock
+from gss.operations.folder_lock import named_lock, own_folder
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
 from gss.operations.line.capture_files import capture_files, open_capture, plain_name
 from gss.operations.upkeep.backup_manifest import (
@@ -118,6 +118,7 @@ class BackupService:
         before their rows. Raises StoreDown if the disk is too full."""
         self._folder.mkdir(parents=True, exist_ok=True)
         with named_lock(self._lock, BUSY):
+            self._close_earlier()
             for unfinished in self._folder.glob(f"*{UNFINISHED}"):
                 shutil.rmtree(unfinished)
             self._check_room()
@@ -131,6 +132,13 @@ class BackupService:
             draft.rename(self._folder / name)
             _sync(self._folder)
         return manifest
+
+    def _close_earlier(self) -> None:
+        """Close the backups of earlier versions that are open to all users. The folder around them can contain other files, so its
+        rights remain."""
+        for folder in self._folder.iterdir():
+            if folder.name == POOL or NAME.fullmatch(folder.name):
+                own_folder(folder)
 
     def _fill(self, draft: Path, name: str, at: datetime, progress: Progress) -> Manifest:
         kind = kind_of(self._url)
