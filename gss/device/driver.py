@@ -33,7 +33,7 @@ from gss.instruments.package import Instrument
 from gss.instruments.package_files import DRIVERS, LinkFile
 
 InFlight = tuple[int, EncodedCommand, str | None]
-"""(request id, command, serial number of the unit to which it was sent; None: not known)."""
+"""(request id, command, serial number of the unit for which it was queued; None: not known)."""
 
 
 class DriverTransfers(Protocol):

@@ -118,7 +118,7 @@ class CommandQueue:
             raise Conflict(
                 "only a command whose result is unknown can be retried", expected="unknown", got=record.stage.value
             )
-        if None not in (record.unit, self._unit) and record.unit != self._unit:
+        if self._is_of_another_unit(record):
             raise Conflict(
                 "the command was sent to another unit",
                 expected=record.unit or "",
@@ -126,6 +126,9 @@ class CommandQueue:
                 hint="mark it resolved, or retry it when its unit is back",
             )
         return record
+
+    def _is_of_another_unit(self, record: CommandRecord) -> bool:
+        return None not in (record.unit, self._unit) and record.unit != self._unit
 
     def retry(self, request_id: int) -> CommandUpdate:
         """Queue an unknown command again, unchanged, at the front; see ``check_retry``."""
@@ -152,7 +155,7 @@ class CommandQueue:
         return [self.withdraw(record.request_id, detail) for record in list(self._queue)]
 
     def identified(self, serial: str) -> list[CommandUpdate]:
-        """End the commands of other units after the unit with this serial number has identified itself.
+        """Withdraw or lose the commands of other units after the unit with this serial number has identified itself.
 
         Queued commands are withdrawn. Commands under way become UNKNOWN; commands of unknown outcome can be retried when
         their unit is back. HELLO and ABORT continue, because they can have been sent to the new unit.
@@ -161,11 +164,11 @@ class CommandQueue:
         for record in self._records.values():
             record.unit = serial if record.unit is None else record.unit
             detail = f"The unit {serial} answered, not {record.unit}."
-            if record.unit == serial or record.urgent:
+            if record.unit == serial:
                 continue
-            if record in self._queue:
+            if record in self._queue:  # also a retried ABORT
                 events.append(self.withdraw(record.request_id, detail))
-            elif record.deadline_s is not None:
+            elif record.deadline_s is not None and not record.urgent:
                 events.append(self._lose(record, detail))
         return events
 
@@ -213,9 +216,12 @@ class CommandQueue:
             self._current = None
 
     def report(self, request_id: int, stage: Stage, now_s: float, facts: ReportFacts) -> Sequence[CommandUpdate]:
-        """Process a report of the device and return the new stages; none for a repeated or out-of-order report."""
+        """Process a report of the device and return the new stages; none for a repeated or out-of-order report, or if the id is
+        that of a command of another unit."""
         record = self._records.get(request_id)
         if record is None or record.stage in FINAL_STAGES:
+            return ()
+        if not record.urgent and self._is_of_another_unit(record):
             return ()
         if stage in ORDER and record.stage in ORDER and ORDER[stage] < ORDER[record.stage]:
             return ()

@@ -14,8 +14,9 @@ from gss.domain.errors import Conflict, StoreDown
 
 
 def own_folder(folder: Path) -> None:
-    """Create a folder of data that only its owner can access. If an existing folder is open to all users, close it. One
-    that is open only to its group was given to this group."""
+    """Create a data folder that only its owner can access. Remove the rights of group and others from an existing folder
+    that is open to all users. A folder that is open only to its group is not changed, because an administrator gave the
+    group access."""
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)

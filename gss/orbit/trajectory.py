@@ -18,14 +18,13 @@ from sgp4.api import Satrec
 from sgp4.conveniences import sat_epoch_datetime
 
 from gss.catalogue_tools.corrections.ephemeris import bodies_at, teme_from_icrs
+from gss.catalogue_tools.envelope.ellipse import EARTH_MU_M3_S2
 from gss.catalogue_tools.envelope.orbits import SGP4_WORDS, TLE_VALID_BEFORE_DAYS, TLE_VALID_DAYS, jyear_of, read_tle
 from gss.domain.angles import Array, separation_rad
 from gss.domain.errors import BadInput
 
 UNIX_EPOCH_JD = 2440587.5
 DAY_S = 86_400.0
-EARTH_KM3_S2 = 398_600.4418
-"""Gravitational constant of the Earth (IERS Conventions 2010 table 1.1)."""
 EPHEMERIS_POINTS = 8
 """Number of points of a Lagrange interpolation: the usual number for CCSDS OEM files with steps of one minute."""
 HERMITE_POINTS = 4
@@ -134,7 +133,7 @@ class EphemerisSegment:
         if n == 1:
             return 0.0
         range_km = np.linalg.norm(self.places_km, axis=1)
-        circular_rad = np.diff(self.times_s).max() * math.sqrt(EARTH_KM3_S2 / max(range_km.max(), 1.0) ** 3)
+        circular_rad = np.diff(self.times_s).max() * math.sqrt(EARTH_MU_M3_S2 / (1e3 * max(range_km.max(), 1.0)) ** 3)
         step_rad = max(separation_rad(self.places_km[1:], self.places_km[:-1]).max(), circular_rad)
         distances = math.prod(abs(k - 0.5) for k in range(n))
         return float(range_km.max() * (distances * step_rad**n) ** values / math.factorial(n * values))

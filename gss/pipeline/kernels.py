@@ -97,9 +97,6 @@ class Kernels:
 
 
 NUMPY = Kernels()
-_marked: set[Path] = set()
-"""Folders whose mark this process has seen. A process that has loaded compiled loops keeps them, so each solution saves
-an access to the disk."""
 
 
 def kernels(fast: bool | None = None) -> Kernels:
@@ -109,13 +106,23 @@ def kernels(fast: bool | None = None) -> Kernels:
 
 
 def are_compiled() -> bool:
-    """True if ``gss compile`` has compiled the present loops for this processor. False if they cannot be stored."""
+    """True if ``gss compile`` has compiled the present loops for this processor, also if the mark is deleted after this
+    process has seen it. False if they cannot be stored."""
     folder = cache_folder() if AVAILABLE else None
     if folder is None:
         return False
-    if folder not in _marked and os.path.exists(folder / MARK):
-        _marked.add(folder)
-    return folder in _marked
+    try:
+        _require_mark(folder)
+    except OSError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=1)
+def _require_mark(folder: Path) -> None:
+    """Raise OSError if the loops are not marked as compiled. Only success is cached, so that a solution needs no access to
+    the disk after this process has seen the mark."""
+    (folder / MARK).stat()
 
 
 def compiled_mark() -> Path:

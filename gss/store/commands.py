@@ -15,7 +15,7 @@ from gss.domain.errors import NotFound
 from gss.domain.json_object import JsonObject
 from gss.store import paging
 from gss.store.engine import Database
-from gss.store.models import Choice, Command, CommandStage
+from gss.store.models import Choice, Command, CommandStage, Contact, Device
 
 USED_IDS = "request_ids.used"
 MAX_ID = 0xFFFF_FFFE
@@ -134,6 +134,12 @@ def facets(session: Session) -> dict[str, list[str]]:
 def of_unknown_fate(session: Session, limit: int) -> list[Command]:
     """Return commands with an unknown result, newest first."""
     return page(session, Filter(results=("unknown",)), limit)
+
+
+def unit_of_contact(session: Session, row: Command) -> str | None:
+    """Return the name of the unit that answered in the contact of a command; None if no unit answered."""
+    query = select(Device.name).join(Contact, Contact.device_id == Device.id).where(Contact.id == row.contact_id)
+    return session.scalar(query)
 
 
 def last_request_id(session: Session) -> int:

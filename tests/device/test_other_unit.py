@@ -10,7 +10,7 @@ import pytest
 
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
-from gss.device.session_commands import KEPT_HELLOS
+from gss.device.session_commands import KEPT_HELLOS, CommandQueue
 from gss.device.session_events import Stage
 from gss.device.session_handshake import HELLO_AGAIN_S
 from gss.device.simulator.machine import Identity, SimulatedDevice
@@ -70,6 +70,31 @@ def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> 
     bench.until(lambda: bench.host.hello.serial == "SIM-0001")
     bench.host.retry(lost, bench.now_s)
     bench.until(lambda: bench.stage(lost) is Stage.COMPLETED)
+
+
+def test_a_report_of_another_unit_ends_no_command_of_the_previous_one(bench: Bench) -> None:
+    """Another ground can have used the same request id for a command to the new unit."""
+    orders = CommandQueue()
+    orders.identified("SIM-0001")
+    orders.add(7, bench.host.encode("SET_EXPOSURE", {"exposure_ms": 111}))
+    orders.release(0.0)
+    orders.lose_all("The line was lost.")
+    orders.identified("SIM-0002")
+    assert orders.report(7, Stage.COMPLETED, 1.0, {}) == ()
+    orders.identified("SIM-0001")
+    assert [update.stage for update in orders.report(7, Stage.COMPLETED, 2.0, {})] == [Stage.COMPLETED]
+
+
+def test_a_retried_abort_does_not_reach_another_unit(bench: Bench) -> None:
+    """A retried ABORT waits in the queue like any other command."""
+    orders = CommandQueue()
+    orders.identified("SIM-0001")
+    orders.add(7, bench.host.encode("ABORT", {}), urgent=True)
+    orders.release(0.0)
+    orders.lose_all("The line was lost.")
+    orders.retry(7)
+    assert [update.stage for update in orders.identified("SIM-0002")] == [Stage.UNKNOWN]
+    assert orders.release(1.0) == ([], [])
 
 
 def test_no_transfer_continues_on_another_unit(bench: Bench) -> None:

@@ -19,6 +19,7 @@ from gss.instruments.marked_yaml import parse_yaml
 from gss.instruments.roles import read_roles
 from gss.operations.commanding.command_checks import REMEMBERED_IDS
 from gss.operations.commanding.command_history import Filter
+from gss.store.models import Command
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -264,7 +265,7 @@ def test_a_restarted_server_repeats_no_command(make_console):
     assert second.sensor.memory.record.frames == frames + 1
 
 
-def test_a_command_is_not_retried_on_another_unit(make_console):
+def test_a_command_is_not_retried_on_another_unit(make_console, database):
     """The unit can change on the open line or during a restart of the server. The command can be retried when its unit is
     back."""
     first = make_console(serial="FM-1")
@@ -279,6 +280,8 @@ def test_a_command_is_not_retried_on_another_unit(make_console):
     with pytest.raises(Conflict, match="another unit"):
         first.commands.retry(row.id, user="ann")
 
+    with database.unit_of_work() as session:  # a command of a server that did not store the unit of each command
+        session.get(Command, row.id).unit = ""
     second = make_console(serial="FM-2")
     frames = second.sensor.memory.record.frames
     assert not second.commands.can_retry(row)

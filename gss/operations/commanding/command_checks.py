@@ -153,7 +153,8 @@ def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
 
 
 def check_stored_result(session: Driver, request_id: int) -> None:
-    """Raise Conflict if the device does not store the result of a request id, and can execute its command again."""
+    """Raise Conflict if the device has no stored result for a request id, so that a retry could execute the command a second
+    time."""
     if not session.stores_results or not 0 < session.next_request_id - request_id <= REMEMBERED_IDS:
         raise Conflict(
             "the device does not store the result of this id and can execute the command twice",

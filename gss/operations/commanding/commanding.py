@@ -76,9 +76,12 @@ class CommandService:
             for row in store.left_in_flight(session):
                 CommandRecorder.lose(row, self._now(), RESTARTED if self.idempotent(row.name) else NEEDS_OPERATOR)
             last = store.last_request_id(session)
-            unknown = [(row, self._order_of(row)) for row in store.of_unknown_fate(session, REMEMBERED_IDS)]
+            unknown = [
+                (row.request_id, self._order_of(row), row.unit or store.unit_of_contact(session, row))
+                for row in store.of_unknown_fate(session, REMEMBERED_IDS)
+            ]
         with self._link.lock:
-            in_flight = [(row.request_id, order, row.unit or None) for row, order in unknown if order is not None]
+            in_flight = [(number, order, unit) for number, order, unit in unknown if order is not None]
             self._link.session.restore(last + 1, in_flight)
 
     def _order_of(self, row: Command) -> EncodedCommand | None:

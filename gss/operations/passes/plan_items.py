@@ -139,7 +139,12 @@ class ItemControl:
             raise Conflict(problem, hint="Review it, then create and arm a new plan.")
         if item.procedure_id is not None:
             return self._procedure_runs.begin(
-                item.procedure_id, user=user, automatic=True, confirmed=confirm, aborts=aborts
+                item.procedure_id,
+                user=user,
+                sha256=item.reviewed_sha256,
+                automatic=True,
+                confirmed=confirm,
+                aborts=aborts,
             ).id
         if item.catalogue_id is not None:
             return self._catalogues.upload(item.catalogue_id, item.bank or "").row.id

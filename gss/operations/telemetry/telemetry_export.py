@@ -76,7 +76,7 @@ def _in_form(column: Column, value: Any, form: str) -> Any:
         return json_text(value)
     in_type = typed(column.field, value)
     if form == "raw":
-        return raw_of(column.field, in_type)
+        return value if in_type is None else raw_of(column.field, in_type)
     value = value if in_type is None else in_type
     if form == "converted":
         return value
@@ -137,7 +137,7 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
     from pyarrow import parquet as pq
 
     leading = [pa.timestamp("us", tz="UTC"), pa.float64(), pa.int64(), pa.string()]
-    fields = [pa.field(name, column_type) for name, column_type in zip(LEADING, leading, strict=True)]
+    fields = [pa.field(name, arrow_type) for name, arrow_type in zip(LEADING, leading, strict=True)]
     fields += [pa.field(c.key, _arrow_type(pa, c, form), metadata=_metadata(c)) for c in columns]
     fields.append(pa.field(OTHER_VALUES, pa.string()))
     schema = pa.schema(fields)

@@ -134,8 +134,8 @@ class BackupService:
         return manifest
 
     def _close_earlier(self) -> None:
-        """Close the backups of earlier versions that are open to all users. The folder around them can contain other files, so its
-        rights remain."""
+        """Close the backups of earlier versions that are open to all users. The permissions of the parent folder are not changed,
+        because it can contain other files."""
         for folder in self._folder.iterdir():
             if folder.name == POOL or NAME.fullmatch(folder.name):
                 own_folder(folder)

@@ -237,7 +237,10 @@ def _in_type(item: Item | Group, value: Any) -> Any:
     if not isinstance(value, list):
         return None
     rows = [{i.name: typed(i, row.get(i.name)) for i in item.items} for row in value]
-    held = all(new[n] is not None or old.get(n) is None for new, old in zip(rows, value, strict=True) for n in new)
+    held = all(
+        old.keys() <= new.keys() and all(new[n] is not None or old.get(n) is None for n in new)
+        for new, old in zip(rows, value, strict=True)
+    )
     return rows if held else None
 
 
