@@ -99,9 +99,15 @@ def _swap_token(rng: random.Random, data: bytearray) -> None:
         data[marks[i] + 1 : marks[i + 1]] = rng.choice(WORDS)
 
 
-def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseException], None]) -> tuple[int, float]:
-    """Run mutated inputs for ``seconds``. ``keep`` is called with each failing input. Return the number of inputs and
-    the longest duration in seconds."""
+class InputTimeoutError(BaseException):
+    """An input exceeded the time limit. Not an Exception, because parsers convert those into errors of GSS."""
+
+
+def search(
+    name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseException], None], max_s: float = MAX_S
+) -> tuple[int, float]:
+    """Run mutated inputs for ``seconds``, each for at most ``max_s``. ``keep`` is called with each failing input. Return
+    the number of inputs and the longest duration in seconds."""
     from tools.fuzz_targets import TARGETS
 
     target, pool, rng = TARGETS[name], seeds_of(name), random.Random(seed)  # not a secret
@@ -110,19 +116,28 @@ def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseExce
     while time.monotonic() < end_s:
         data = mutated(rng, pool, target.max_bytes, target.text)
         start_s = time.monotonic()
-        signal.alarm(MAX_S)
         try:
-            target.fuzz_one(data)
-        except Exception as error:  # any exception other than GssError is a defect
+            _run_limited(target.fuzz_one, data, max_s)
+        except (Exception, InputTimeoutError) as error:  # any exception other than GssError is a defect
             keep(data, error)
-        finally:
-            signal.alarm(0)
         count, slowest_s = count + 1, max(slowest_s, time.monotonic() - start_s)
     return count, slowest_s
 
 
+def _run_limited(fuzz_one: Callable[[bytes], None], data: bytes, max_s: float) -> None:
+    """Run one input. Raises InputTimeoutError after ``max_s``, also if the input suppressed the one of the timer."""
+    start_s = time.monotonic()
+    signal.setitimer(signal.ITIMER_REAL, max_s)
+    try:
+        fuzz_one(data)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    if time.monotonic() - start_s >= max_s:
+        raise InputTimeoutError("time limit for one input exceeded")
+
+
 def _raise_timeout(_signal: int, _frame: FrameType | None) -> None:
-    raise TimeoutError(f"more than {MAX_S} s for one input")
+    raise InputTimeoutError("time limit for one input exceeded")
 
 
 def keep_in_corpus(name: str, seen: set[str]) -> Callable[[bytes, BaseException], None]:

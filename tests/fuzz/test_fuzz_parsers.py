@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import random
+import time
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tools.fuzz import CORPUS, mutated, seeds_of
+from gss.domain.errors import BadInput, GssError
+from tools.fuzz import CORPUS, InputTimeoutError, mutated, search, seeds_of
+from tools.fuzz_contract import Target
 from tools.fuzz_targets import TARGETS
 
 pytestmark = pytest.mark.timeout(60)  # an input that hangs a parser fails
@@ -55,3 +59,22 @@ def test_changed_and_random_bytes_raise_only_gss_errors(name: str) -> None:
 def test_every_folder_of_the_corpus_has_a_target() -> None:
     """Each folder of the corpus has a target of the same name, so that a renamed target keeps its regression inputs."""
     assert {path.name for path in CORPUS.iterdir() if path.is_dir()} == set(TARGETS)
+
+
+@pytest.mark.timeout(60, method="thread")  # the search uses the timer of the other method
+@pytest.mark.parametrize("converted", [Exception, BaseException])
+def test_an_input_that_hangs_a_parser_is_kept(monkeypatch: pytest.MonkeyPatch, converted: type[BaseException]) -> None:
+    """The search stops an input at the time limit and keeps it, also if the parser converts every exception."""
+
+    def hang(_: bytes) -> None:
+        with suppress(GssError):
+            try:
+                time.sleep(5)
+            except converted as error:
+                raise BadInput("the file cannot be read") from error
+
+    monkeypatch.setitem(TARGETS, "image", Target(hang))
+    kept: list[type[BaseException]] = []
+    count, slowest_s = search("image", 0.01, 1, lambda _, error: kept.append(type(error)), max_s=0.05)
+    assert (count, kept) == (1, [InputTimeoutError])
+    assert slowest_s < 5
