@@ -29,7 +29,7 @@ class ResultStore:
     def __init__(self, file: Path) -> None:
         self._file = file
         self._held: dict[tuple[str, int, int], StoredRun] = {}
-        for line in file.read_text("utf-8").splitlines() if file.is_file() else ():
+        for line in file.read_text("utf-8", "replace").splitlines() if file.is_file() else ():
             try:
                 record = json.loads(line)
                 done = StoredRun(
@@ -47,7 +47,9 @@ class ResultStore:
         """Store a run."""
         self._held[done.experiment.name, done.trials, done.experiment.seed] = done
         record = {"trials": done.trials, "processor_s": done.processor_s, "code": done.code}
+        truncated = self._file.is_file() and self._file.read_bytes()[-1:] not in (b"", b"\n")
         with self._file.open("a", encoding="utf-8") as out:
+            out.write("\n" * truncated)
             out.write(json.dumps(record | {"experiment": as_record(done.experiment)}, ensure_ascii=False) + "\n")
 
 

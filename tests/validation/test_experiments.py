@@ -12,7 +12,7 @@ from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import share_interval
 from validation.entries import ENTRIES
 from validation.fingerprint import fingerprint
-from validation.result_store import StoredRun, as_page, as_text
+from validation.result_store import ResultStore, StoredRun, as_page, as_text
 from validation.run import from_record, run_experiment
 
 
@@ -81,20 +81,20 @@ def test_shares_have_wilson_intervals() -> None:
 
 def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A second run uses the stored table, even if the file has a truncated line. Another number of trials is run and
-    stored.
+    stored after that line.
     """
     store, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
     arguments = ["experiments", "run", "erlank-3-6", "--keep", str(store), "--trials"]
     assert main([*arguments, "50", "--json"]) == 0
     first = capsys.readouterr().out
-    with store.open("a") as file:
-        file.write('{"trials": 50, "torn')
+    with store.open("ab") as file:
+        file.write('{"trials": 50, "torn ″'.encode()[:-1])
     assert main([*arguments, "50", "--json"]) == 0
     assert capsys.readouterr().out == first
-    assert len(store.read_text().splitlines()) == 2, "one stored run and one truncated line"
-    store.write_text(store.read_text().splitlines()[0] + "\n")
+    assert len(store.read_bytes().splitlines()) == 2, "one stored run and one truncated line"
     assert main([*arguments, "60", "--page", str(page)]) == 0
-    assert len(store.read_text().splitlines()) == 2
+    assert len(store.read_bytes().splitlines()) == 3
+    assert ResultStore(store).get("erlank-3-6", 60, 1) is not None
     assert "s of processor time" in page.read_text()
     assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)
 
