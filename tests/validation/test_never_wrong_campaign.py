@@ -54,6 +54,8 @@ def test_the_file_is_small_and_complete(tmp_path: Path) -> None:
         *(Shard("aim", "own", 1, n) for n in range(6)),
     }
     assert CampaignRecord(file).blocks(2) == []
+    with pytest.raises(Conflict, match="shard 4"):
+        record.add(Shard("aim", "own", 1, 4), "first", verdicts)
 
 
 def test_selected_results_are_replaced(tmp_path: Path) -> None:
@@ -114,9 +116,11 @@ def test_a_wrong_solution_is_listed_and_gives_exit_code_3(tmp_path: Path, capsys
 
 
 def test_invalid_campaigns_are_rejected() -> None:
-    """Unknown cameras and negative numbers are rejected. All shards of a campaign are different."""
+    """Unknown and repeated cameras and negative numbers are rejected. All shards of a campaign are different."""
     with pytest.raises(BadInput, match="camera"):
         CampaignSettings(cameras=("hubble",))
+    with pytest.raises(BadInput, match="camera is selected twice"):
+        CampaignSettings(cameras=("aim", "aim"))
     with pytest.raises(BadInput, match="attitudes"):
         CampaignSettings(attitudes=-1)
     assert len(set(keys(CampaignSettings()))) == len(keys(CampaignSettings())) == (40 + 10) * 5 * 2

@@ -54,6 +54,8 @@ class CampaignSettings:
             unknown = [name for name in selected if name not in choices]
             if unknown:
                 raise BadInput(f"unknown {dimension}", expected=" | ".join(choices), got=", ".join(unknown))
+            if len(set(selected)) < len(selected):
+                raise BadInput(f"a {dimension} is selected twice", expected="each once", got=", ".join(selected))
 
 
 def keys(run_campaign: CampaignSettings) -> list[Shard | FrameShard]:

@@ -47,7 +47,11 @@ class CampaignBlock:
                 yield self.kind(self.camera, self.chain, self.seed, number)
 
     def add(self, number: int, verdicts: Verdicts) -> None:
-        """Add a shard that is not in this block."""
+        """Add a shard. Raises Conflict if the block already contains it."""
+        if any(first <= number <= last for first, last in self.shards):
+            raise Conflict(
+                f"shard {number} is already in the results", got=f"{self.name} of {self.camera}, {self.chain}"
+            )
         self.counts.update(verdicts.counts)
         self.wrong += verdicts.wrong
         merged: list[tuple[int, int]] = []
