@@ -58,17 +58,23 @@ def test_the_file_is_small_and_complete(tmp_path: Path) -> None:
         record.add(Shard("aim", "own", 1, 4), "first", verdicts)
 
 
-def test_selected_results_are_replaced(tmp_path: Path) -> None:
-    """``--again`` reruns the selected chain, also after it gave a wrong result, and keeps the results of the others."""
+def test_selected_results_are_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``--again`` reruns the selected chain, also after it gave a wrong result, and keeps the results of the others. It is
+    rejected if results of the same chain that it does not rerun would be lost."""
     file = tmp_path / "kept.json"
-    for camera, number in (("cubestar", 0), ("cubestar", 1), ("aim", 0)):
+    for camera, number in (("cubestar", 0), ("aim", 0), ("aim", 1)):
         CampaignRecord(file).add(
             FrameShard(camera, "own", 3, number), "old", Verdicts({(0, 0, "wrong"): 13}, (camera,))
         )
-    selected = ["--attitudes", "0", "--frames", "13", "--seed", "3", "--camera", "cubestar", "--chain", "own"]
-    assert main(["experiments", "never-wrong", *selected, "--workers", "1", "--keep", str(file), "--again"]) == 3
+    before = file.read_text("utf-8")
+    selected = ["--attitudes", "0", "--frames", "13", "--seed", "3", "--chain", "own", "--workers", "1", "--again"]
+    command = ["experiments", "never-wrong", *selected, "--keep", str(file), "--camera"]
+    assert main([*command, "aim"]) == 2
+    assert "13 frames" in capsys.readouterr().err
+    assert file.read_text("utf-8") == before
+    assert main([*command, "cubestar"]) == 3
     others, rerun = CampaignRecord(file).blocks(3)
-    assert (others.camera, others.wrong, others.code) == ("aim", ["aim"], "old")
+    assert (others.camera, others.wrong, others.code) == ("aim", ["aim", "aim"], "old")
     assert (rerun.camera, rerun.shards, rerun.wrong) == ("cubestar", [(0, 0)], [])
 
 

@@ -105,9 +105,19 @@ class CampaignRecord:
         self._state = _state(self._file)
 
     def remove(self, keys: set[Shard | FrameShard]) -> None:
-        """Remove the blocks that contain a shard of ``keys``, with their other shards, because a sum cannot be divided. The
-        file changes when a shard is added."""
-        self._blocks = {k: block for k, block in self._blocks.items() if keys.isdisjoint(block.completed())}
+        """Remove the blocks that contain a shard of ``keys``. The file changes when a shard is added. Raises Conflict if they
+        also contain other shards, because a sum cannot be divided."""
+        kept = {k: block for k, block in self._blocks.items() if keys.isdisjoint(block.completed())}
+        lost: Counter[str] = Counter()
+        for block in (block for k, block in self._blocks.items() if k not in kept):
+            lost[block.name] += SIZES[block.name] * sum(key not in keys for key in block.completed())
+        if lost.total():
+            raise Conflict(
+                "stored results that are not rerun would be lost",
+                got=", ".join(f"{count} {name}" for name, count in lost.items() if count),
+                hint="store the rerun in another file with --keep",
+            )
+        self._blocks = kept
 
     def _text(self) -> str:
         """Return JSON with a line per block."""
