@@ -129,6 +129,8 @@ def test_invalid_campaigns_are_rejected() -> None:
         CampaignSettings(cameras=("aim", "aim"))
     with pytest.raises(BadInput, match="attitudes"):
         CampaignSettings(attitudes=-1)
+    with pytest.raises(BadInput, match="seed"):
+        CampaignSettings(seed=-1)
     assert len(set(keys(CampaignSettings()))) == len(keys(CampaignSettings())) == (40 + 10) * 5 * 2
 
 

@@ -50,6 +50,8 @@ class CampaignSettings:
         for text, value in (("attitudes", self.attitudes), ("frames", self.frames)):
             if not 0 <= value <= MAX_ATTITUDES:
                 raise BadInput(f"number of {text} is out of range", expected=f"0 – {MAX_ATTITUDES}", got=str(value))
+        if self.seed < 0:
+            raise BadInput("the seed is negative", expected="0 or more", got=str(self.seed))
         for dimension, choices, selected in (("camera", CAMERAS, self.cameras), ("chain", CHAINS, self.chains)):
             unknown = [name for name in selected if name not in choices]
             if unknown:
