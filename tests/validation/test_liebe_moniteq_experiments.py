@@ -11,6 +11,7 @@ from validation.liebe.key_numbers import liebe_4
 from validation.liebe.sky import SITUATIONS, USED_STARS, catalogue, image, instrument
 from validation.liebe.tables import liebe_2, liebe_3, liebe_18
 from validation.moniteq.budgets import moniteq_2_3, moniteq_budgets
+from validation.moniteq.differential import moniteq_differential
 from validation.moniteq.locator import moniteq_4_2, moniteq_nea, moniteq_noise
 from validation.moniteq.screening import moniteq_screening
 from validation.moniteq.sky import moniteq_2_1, moniteq_links
@@ -177,3 +178,10 @@ def test_budgets_of_moniteq_are_added_again() -> None:
     assert _row(experiment, "Table 7.1: image")[1:3] == (15.5, 15.2)
     assert _row(experiment, "Table 7.2: mass")[1:3] == (6000, 6090)
     assert _row(experiment, "Table 7.3: one pixel")[2] == pytest.approx(48.5, abs=0.05)
+
+
+def test_a_differential_attitude_without_enough_stars_has_no_error() -> None:
+    """If no attitude of a row has enough stars in view, the row has zero attitudes and no figures."""
+    empty = [row for row in moniteq_differential(STARS, 1, 1, _no_progress).rows if row[-1] == 0]
+    assert empty
+    assert {cell for row in empty for cell in row[2:-1]} == {None}

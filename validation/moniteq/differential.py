@@ -32,17 +32,11 @@ def moniteq_differential(stars: StarTable, trials: int, seed: int, progress: Pro
     for k, excursion_deg in enumerate(EXCURSIONS_DEG):
         for mounts in ((np.eye(3),), (np.eye(3), SECOND_FROM_FIRST)):
             errors = [e for _ in range(trials) if (e := _errors(icrs, camera, mounts, excursion_deg, rng)) is not None]
-            linear, iterated, sigma = (
-                np.sqrt(np.mean(np.square(part), axis=0)) / ARCSEC_RAD for part in zip(*errors, strict=True)
-            )
             rows.append(
                 (
                     f"{excursion_deg:g}°, {len(mounts)} camera{'s'[: len(mounts) - 1]}",
                     "about 1″" if excursion_deg == 1.0 and len(mounts) == 1 else None,
-                    _across(linear),
-                    _across(iterated),
-                    round(float(iterated[2]), 1),
-                    round(float(sigma[2]), 1),
+                    *_figures(errors),
                     len(errors),
                 )
             )
@@ -73,6 +67,16 @@ def moniteq_differential(stars: StarTable, trials: int, seed: int, progress: Pro
             "With one camera the rotation about the boresight is the weak axis. A second camera at 90° removes it.",
         ),
     )
+
+
+def _figures(errors: list[tuple[Array, Array, Array]]) -> tuple[Cell, ...]:
+    """Return the four rms values of a row; None without an attitude at which each camera has enough stars."""
+    if not errors:
+        return (None,) * 4
+    linear, iterated, sigma = (
+        np.sqrt(np.mean(np.square(part), axis=0)) / ARCSEC_RAD for part in zip(*errors, strict=True)
+    )
+    return _across(linear), _across(iterated), round(float(iterated[2]), 1), round(float(sigma[2]), 1)
 
 
 def _across(rms_arcsec: Array) -> float:
