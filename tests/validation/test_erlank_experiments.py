@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -121,6 +123,15 @@ def test_night_sky_scatter_is_below_that_of_the_document() -> None:
         document_methods = rows[f"semi-urban, document's tracking and lens: {axis}"]
         assert float(str(document_methods["ours 1σ"])) > float(str(without_air["ours 1σ"]))
     assert [cells["ours 1σ"] for name, cells in rows.items() if name.endswith("wrong")][:3] == [0, 0, 0]
+
+
+def test_a_night_of_too_few_frames_has_no_scatter() -> None:
+    """With too few frames for a line, the scatter has no value, and the distribution has no frames."""
+    experiment = erlank_6_1(STARS, 1, 3, _no_progress)
+    scatter = _rows(experiment)["no air: cross (Dec), °"]
+    assert (scatter["ours 1σ"], scatter["95 %"], scatter["ours 3σ"]) == (None, None, None)
+    assert not any(experiment.series[0].y)
+    json.dumps(experiment.rows, allow_nan=False)
 
 
 def test_slews_are_tracked_up_to_the_limit_of_the_document() -> None:

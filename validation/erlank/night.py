@@ -240,11 +240,11 @@ def _rows(weather: Weather, night: _Night) -> list[tuple[Cell, ...]]:
             (
                 f"{weather.title}: {name}, °",
                 paper,
-                round(sigma, 5),
-                f"±{half:.5f}",
+                _rounded(sigma, 5),
+                _interval(half, 5),
                 round(3 * paper, 4),
-                round(3 * sigma, 4),
-                round(float(claimed[axis]), 5) if np.isfinite(claimed[axis]) else None,
+                _rounded(3 * sigma, 4),
+                _rounded(float(claimed[axis]), 5),
             )
         )
     if night.drift_arcsec_s:
@@ -255,7 +255,7 @@ def _rows(weather: Weather, night: _Night) -> list[tuple[Cell, ...]]:
                 f"{weather.title}: drift of RA, ″/s",
                 15.041,
                 round(float(drift[:, 0].mean()), 3),
-                f"±{half:.3f}",
+                _interval(half, 3),
                 *[None] * 3,
             )
         )
@@ -278,9 +278,17 @@ def _rows(weather: Weather, night: _Night) -> list[tuple[Cell, ...]]:
     ]
 
 
+def _rounded(value: float, digits: int) -> Cell:
+    return round(value, digits) if np.isfinite(value) else None
+
+
+def _interval(half: float, digits: int) -> Cell:
+    return f"±{half:.{digits}f}" if np.isfinite(half) else None
+
+
 def _distribution(weather: Weather, night: _Night) -> Curve:
     """Return the distribution of the deviations in declination, as in the paper's Fig. 6.3."""
-    residual = np.concatenate(night.residual_deg)[:, 1] if night.residual_deg else np.zeros(1)
+    residual = np.concatenate(night.residual_deg)[:, 1] if night.residual_deg else np.zeros(0)
     counts, edges = np.histogram(residual, bins=25)
     middles = (edges[:-1] + edges[1:]) / 2
     return Curve(
