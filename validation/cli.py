@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -111,6 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadInput("no experiment named", expected="NAME … or --all", hint="gss experiments list")
     for name in names:
         entry(name)
+    for file in (arguments.page, arguments.keep):
+        if file is not None:
+            _check_writable(file)
     shelf = None if arguments.keep is None else ResultStore(arguments.keep)
     done: list[StoredRun] = []
     for name in names:
@@ -132,6 +136,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.page is not None:
         arguments.page.write_text(as_page(done, __version__, arguments.share), "utf-8")
     return 0
+
+
+def _check_writable(file: Path) -> None:
+    """Raise BadInput if a file cannot be written, before the runs whose results it receives."""
+    if file.is_dir() or not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise BadInput(
+            "the file cannot be written", expected="a file in an existing folder, with write permission", got=str(file)
+        )
 
 
 def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:

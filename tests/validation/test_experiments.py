@@ -99,6 +99,18 @@ def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixt
     assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)
 
 
+@pytest.mark.parametrize("option", ["--page", "--keep"])
+def test_an_output_file_that_cannot_be_written_is_rejected_before_the_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    """A page or store in a missing folder, or with the name of a folder, is rejected before an experiment runs."""
+    for file in (tmp_path / "absent" / "file", tmp_path):
+        assert main(["experiments", "run", "erlank-3-6", "--trials", "50", "--json", option, str(file)]) == 2
+        output = capsys.readouterr()
+        assert output.out == ""
+        assert str(file) in output.err
+
+
 def test_lists_without_a_star_are_identified_at_most_as_often_as_stated() -> None:
     """At a limit of 0.1, at most a tenth of the random lists are identified. The expected number over the whole sky is four."""
     experiment = run_experiment("false-match", trials=8)
