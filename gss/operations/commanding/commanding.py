@@ -81,8 +81,7 @@ class CommandService:
                 for row in store.of_unknown_fate(session, REMEMBERED_IDS)
             ]
         with self._link.lock:
-            in_flight = [(number, order, unit) for number, order, unit in unknown if order is not None]
-            self._link.session.restore(last + 1, in_flight)
+            self._link.session.restore(last + 1, [(n, order, unit) for n, order, unit in unknown if order is not None])
 
     def _order_of(self, row: Command) -> EncodedCommand | None:
         """Encode a recorded command again. Return None if the current dictionary does not accept it."""
