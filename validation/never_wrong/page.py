@@ -98,7 +98,8 @@ def _summary(cells: Cells) -> str:
         counts = sum(by_fault.values(), Counter[str]())
         total, none = counts.total(), counts[Verdict.NONE]
         fixed = before[kind, camera, chain]
-        upper_limit = 100 * share_interval(counts[Verdict.WRONG] + fixed, total - none)[1]
+        solved = total - none
+        upper_limit = 100 * share_interval(min(counts[Verdict.WRONG] + fixed, solved), solved)[1]
         rows.append(
             f"| {camera} | {chain if chain != OWN else setting_of(camera, OWN).chain + ' (own)'} | {kind} | {total} | "
             + " | ".join(str(counts[v]) for v in ORDER)
