@@ -73,6 +73,20 @@ class StarTable:
         """Hipparcos number to row."""
         return {int(hip): row for row, hip in enumerate(self.hip)}
 
+    def rows_of(self, hip: Ids) -> NDArray[np.intp]:
+        """Return the rows of n stars, -1 for a number that is not in the table."""
+        order, ordered = self._by_hip
+        if not len(order):
+            return np.full(len(hip), -1)
+        rows = order[np.minimum(np.searchsorted(ordered, hip), len(order) - 1)]
+        return np.where(self.hip[rows] == hip, rows, -1)
+
+    @cached_property
+    def _by_hip(self) -> tuple[NDArray[np.intp], Ids]:
+        """Return the rows in ascending order of the numbers, and these numbers."""
+        order = np.argsort(self.hip, kind="stable")
+        return order, self.hip[order]
+
     def name_of(self, hip: int) -> str:
         """Return the proper or Bayer name if the star has one; otherwise "HIP n", or "Gaia row n" for a star not in
         Hipparcos."""

@@ -78,9 +78,10 @@ class Background:
 
 def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
     """Return the clipped mean and standard deviation of each row, ignoring NaN samples."""
-    if samples.dtype.kind == "u" and samples.itemsize < 4:
-        samples = samples.astype(np.int32)  # few processors sort shorter numbers with vector instructions
-    ordered = np.sort(samples, axis=1)  # one sort gives median and spread; NaN last
+    # Few processors sort integers of less than 32 bits with vector instructions.
+    kind = np.int32 if samples.dtype.kind == "u" and samples.itemsize < 4 else samples.dtype
+    ordered: NDArray[Any] = samples.astype(kind)
+    ordered.sort(axis=1)  # one sort gives median and spread; NaN last
     count, missing = np.full(len(ordered), ordered.shape[1]), None
     if ordered.dtype.kind == "f" and np.isnan(ordered[:, -1]).any():
         missing = np.isnan(ordered)

@@ -32,6 +32,45 @@ TRAILED_RATIO = 1.5  # ratio to the camera's own variance above which a star is 
 
 
 @dataclass(frozen=True)
+class MeasuredWindows:
+    """Windows in which stars were measured. ``stars`` (n,): the peaks that were fitted, ``fit``: their fits, ``half_px``: half the
+    side of a window without its middle pixel. ``usable`` (n,): fits that are stars; ``order``: the stars among the fits,
+    brightest first."""
+
+    peaks: Peaks
+    stars: NDArray[np.intp]
+    fit: Measured
+    half_px: int
+    usable: NDArray[np.bool_]
+    order: NDArray[np.intp]
+
+    def regions(self, limit: int = 200) -> tuple[Region, ...]:
+        """Return the windows of the stars, then those of at most ``limit`` rejected detections with the reason, brightest
+        first."""
+        fit, stars, order, rejected = self.fit, self.stars, self.order, np.flatnonzero(~self.usable)[:limit]
+        reasons = ["outside the detector" if good else "no star shape" for good in fit.good[rejected].tolist()]
+        hot = np.flatnonzero(self.peaks.single)[:limit]
+        ones, zeros, top = np.ones(len(hot), int), np.zeros(len(hot)), self.peaks.snr[hot] * self.peaks.noise[hot]
+        flux = np.nan_to_num(fit.flux)
+        return (
+            *self._windows(stars[order], fit.area[order], fit.peak[order], flux[order], [""] * len(order)),
+            *self._windows(stars[rejected], fit.area[rejected], fit.peak[rejected], flux[rejected], reasons),
+            *self._windows(hot, ones, top, zeros, ["single pixel, row or column"] * len(hot)),
+        )
+
+    def _windows(
+        self, chosen: NDArray[np.intp], area: NDArray[np.integer], peak: Array, flux: Array, reasons: list[str]
+    ) -> Iterator[Region]:
+        """Return the windows of the chosen peaks."""
+        if not reasons:
+            return iter(())
+        col, row, half = self.peaks.col[chosen], self.peaks.row[chosen], self.half_px
+        columns = (col - half, row - half, col + half, row + half, area, peak, flux)
+        rows = zip(*(c.tolist() for c in columns), reasons, strict=True)
+        return map(partial(tuple.__new__, Region), rows)  # half the time of Region._make
+
+
+@dataclass(frozen=True)
 class Detections:
     """Stars detected in one frame, with the frame's background and point-spread function.
 
@@ -42,7 +81,7 @@ class Detections:
     """
 
     centroids: Centroids
-    regions: tuple[Region, ...]
+    windows: MeasuredWindows
     background: Background
     psf_covariance_px2: Array
     streak_px: float
@@ -51,6 +90,11 @@ class Detections:
     loops: str = NUMPY.name
     trailed: bool = False
     cut_trails: bool = False
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Return the windows of the stars and of rejected detections; see :meth:`MeasuredWindows.regions`."""
+        return self.windows.regions()
 
     @property
     def psf_sigma_px(self) -> float:
@@ -80,7 +124,7 @@ def find_stars(
     notes: list[str] = []
     psf_is_given = psf_sigma_px is not None
     sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
-    covariance = np.eye(2) * (sigma**2 + 1 / 12)
+    covariance = np.diag([sigma**2 + 1 / 12] * 2)
     pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
     sizes = _sizes if loops.frames is None else loops.frames.sizes
     usual, large = sizes(image, pass_one, covariance, ceiling) if psf_is_given else (0.0, 0.0)
@@ -225,14 +269,14 @@ def _measure(
         order = order[:max_stars]
     sigma_px = fit.sigma_px * (1 + 0.5 * fit.touched)
     centroids = Centroids(fit.col, fit.row, fit.flux, fit.peak, fit.area, sigma_px).take(order)
-    n_single = int(peaks.single.sum())
+    n_single = int(np.count_nonzero(peaks.single))
     if n_single > 20:
         notes.append(f"{n_single} single bright pixels were excluded as hot pixels")
     is_streak = high / low >= STREAK_RATIO
     direction_rad = 0.5 * float(np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])) % np.pi
     return Detections(
         centroids,
-        _regions(peaks, stars, order, usable, fit, half),
+        MeasuredWindows(peaks, stars, fit, half, usable, order),
         peaks.background,
         covariance,
         float(np.sqrt(12 * (high**2 - low**2))) if is_streak else 0.0,
@@ -281,43 +325,3 @@ def _separate_stars(
         if float(path.min()) - sky[j] > 0.8 * lower:
             drop[j] = True
     return np.flatnonzero(~drop)
-
-
-def _regions(
-    peaks: Peaks,
-    stars: NDArray[np.intp],
-    order: NDArray[np.intp],
-    usable: NDArray[np.bool_],
-    fit: Measured,
-    half: int,
-    limit: int = 200,
-) -> tuple[Region, ...]:
-    """Return the windows of the stars, then those of rejected detections with the reason (at most ``limit``, brightest first)."""
-    rejected = np.flatnonzero(~usable)[:limit]
-    reasons = ["outside the detector" if good else "no star shape" for good in fit.good[rejected].tolist()]
-    hot = np.flatnonzero(peaks.single)[:limit]
-    ones, zeros, top = np.ones(len(hot), int), np.zeros(len(hot)), peaks.snr[hot] * peaks.noise[hot]
-    flux = np.nan_to_num(fit.flux)
-    return (
-        *_windows(peaks, stars[order], half, fit.area[order], fit.peak[order], flux[order], [""] * len(order)),
-        *_windows(peaks, stars[rejected], half, fit.area[rejected], fit.peak[rejected], flux[rejected], reasons),
-        *_windows(peaks, hot, half, ones, top, zeros, ["single pixel, row or column"] * len(hot)),
-    )
-
-
-def _windows(
-    peaks: Peaks,
-    chosen: NDArray[np.intp],
-    half: int,
-    area: NDArray[np.integer],
-    peak: Array,
-    flux: Array,
-    reasons: list[str],
-) -> Iterator[Region]:
-    """Return the windows of the chosen peaks."""
-    if not reasons:
-        return iter(())
-    col, row = peaks.col[chosen], peaks.row[chosen]
-    columns = (col - half, row - half, col + half, row + half, area, peak, flux)
-    rows = zip(*(c.tolist() for c in columns), reasons, strict=True)
-    return map(partial(tuple.__new__, Region), rows)  # half the time of Region._make

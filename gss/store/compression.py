@@ -14,6 +14,8 @@ import struct
 import numpy as np
 import zstandard
 
+from gss.domain.errors import CorruptData
+
 MAGIC = b"GSSPACK1"
 _HEADER = struct.Struct("<8sBQ")
 """Magic, bytes of an item, bytes before compression."""
@@ -34,7 +36,7 @@ def compressed(data: bytes | memoryview, item_bytes: int = 1) -> bytes | None:
     if size < MIN_BYTES and not starts_with_magic:
         return None
     if 1 < item_bytes <= MAX_ITEM_BYTES and size % item_bytes == 0:
-        planes: bytes | memoryview = np.frombuffer(data, np.uint8).reshape(-1, item_bytes).T.tobytes()
+        planes: bytes | memoryview = byte_planes(data, item_bytes)
     else:
         item_bytes, planes = 1, data
     packed = zstd(planes)
@@ -55,9 +57,19 @@ def decompressed(data: bytes) -> bytes | None:
         plain = zstd_plain(memoryview(data)[_HEADER.size :], size)
         if plain is None or item_bytes == 1:
             return plain
-        return np.frombuffer(plain, np.uint8).reshape(item_bytes, -1).T.tobytes()
+        return items_of_planes(plain, item_bytes)
     except MemoryError:  # a damaged header states a huge size
         return None
+
+
+def byte_planes(data: bytes | memoryview, item_bytes: int) -> bytes:
+    """Return all first bytes of the items, then all second bytes, and so on."""
+    return np.frombuffer(data, np.uint8).reshape(-1, item_bytes).T.tobytes()
+
+
+def items_of_planes(planes: bytes, item_bytes: int) -> bytes:
+    """Return the bytes of the items; inverse of :func:`byte_planes`."""
+    return np.frombuffer(planes, np.uint8).reshape(item_bytes, -1).T.tobytes()
 
 
 def zstd(data: bytes | memoryview) -> bytes:
@@ -74,3 +86,11 @@ def zstd_plain(data: bytes | memoryview, size: int) -> bytes | None:
     except zstandard.ZstdError:
         return None
     return plain if len(plain) == size else None
+
+
+def unzstd(data: bytes) -> bytes:
+    """Return the plain bytes of one zstd frame that states its size. Raises CorruptData if it is damaged."""
+    try:
+        return zstandard.ZstdDecompressor().decompress(data)
+    except zstandard.ZstdError as error:
+        raise CorruptData("the packed data cannot be decompressed", got=str(error)) from None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from base64 import b64decode, b85encode
+import zlib
+from base64 import b64decode, b64encode, b85encode
 from copy import deepcopy
 from pathlib import Path
 
@@ -11,8 +12,9 @@ import numpy as np
 import pytest
 
 from gss.domain.errors import CorruptData
+from gss.domain.json_object import JsonObject
 from gss.store.blobs import BlobStore
-from gss.store.compression import MAGIC, compressed, decompressed, zstd, zstd_plain
+from gss.store.compression import MAGIC, compressed, decompressed, items_of_planes, unzstd, zstd, zstd_plain
 from gss.store.packed_detail import packed, residuals_px, unpacked
 
 
@@ -98,6 +100,22 @@ REGION = {
 }
 
 
+def _older_forms(stored: JsonObject) -> list[JsonObject]:
+    """Return packed lists as earlier versions wrote them: without byte planes, with zlib, and as text in base 64 or 85."""
+    texts = stored["packed_zstd"].items()
+    blocks = {name: zlib.compress(items_of_planes(unzstd(b64decode(text)), 4), 1) for name, text in texts}
+    return [
+        {key: {name: encode(block).decode() for name, block in blocks.items()}}
+        for key, encode in (("packed64", b64encode), ("packed", b85encode))
+    ]
+
+
+def test_damaged_packed_lists_are_reported() -> None:
+    """Packed lists that cannot be decompressed raise an error with the reason."""
+    with pytest.raises(CorruptData, match="cannot be decompressed"):
+        unpacked({"packed_zstd": {"regions": b64encode(b"damaged").decode()}})
+
+
 def test_a_packed_detail_is_read_back() -> None:
     """Packed stars with and without names, missing numbers, regions and unpacked fields are read back unchanged."""
     named = STAR | {"index": 1} | NAMED | RESIDUALS
@@ -105,11 +123,11 @@ def test_a_packed_detail_is_read_back() -> None:
     detail = {"stars": [STAR, named, unknown], "regions": [REGION, REGION | {"rejected": ""}], "versions": {"gss": "1"}}
     before = deepcopy(detail)
     stored = packed(detail)
-    assert set(stored) == {"packed64", "versions"}
+    assert set(stored) == {"packed_zstd", "versions"}
     assert unpacked(stored) == before == detail
     assert packed(deepcopy(stored)) == stored  # a worker packs, and the column type leaves the document unchanged
-    older = {name: b85encode(b64decode(text)).decode() for name, text in stored["packed64"].items()}
-    assert unpacked({"packed": older, "versions": {"gss": "1"}}) == before
+    for older in _older_forms(stored):
+        assert unpacked(older | {"versions": {"gss": "1"}}) == before
 
 
 def test_residuals_are_read_without_the_rows() -> None:
@@ -118,8 +136,8 @@ def test_residuals_are_read_without_the_rows() -> None:
     detail = {"stars": [STAR, known, STAR | {"index": 2} | NAMED | RESIDUALS | {"hip": 24436}], "regions": [REGION]}
     expected = {27989: 0.625, 24436: None}
     stored = packed(deepcopy(detail))
-    older = {name: b85encode(b64decode(text)).decode() for name, text in stored["packed64"].items()}
-    assert residuals_px(stored) == residuals_px({"packed": older}) == residuals_px(detail) == expected
+    for form in (stored, detail, *_older_forms(stored)):
+        assert residuals_px(form) == expected
     assert residuals_px({}) == residuals_px(packed({"regions": [REGION]})) == {}
 
 

@@ -100,13 +100,15 @@ def stars_of(camera: Camera, stars: StarTable, centroids: Centroids, matches: Ma
     if matches is None:
         none = np.empty(0, int)
         return StarColumns(measured, none, none, [], np.empty((0, 6)))
-    hip = matches.hip.tolist()
-    rows = [stars.row_of_hip.get(number) for number in hip]
-    v_mag = np.array([math.nan if row is None else stars.v_mag[row] for row in rows], float)
+    rows = stars.rows_of(matches.hip)
+    listed = rows >= 0
+    v_mag = np.full(len(rows), math.nan)
+    v_mag[listed] = stars.v_mag[rows[listed]]
     residual_px = np.where(np.isfinite(matches.residual_px), matches.residual_px, math.nan)
     arcsec = residual_px * (math.degrees(camera.pixel_rad) * 3600)
     numbers = np.column_stack([v_mag, residual_px, arcsec, matches.weight])
-    return StarColumns(measured, matches.centroid, matches.hip, [stars.name_of(number) for number in hip], numbers)
+    names = [stars.name_of(number) for number in matches.hip.tolist()]
+    return StarColumns(measured, matches.centroid, matches.hip, names, numbers)
 
 
 def describe(

@@ -16,11 +16,9 @@ from gss.pipeline.score import score
 def judge(result: SolveResult, truth_quaternion: Array, profile: CameraProfile, stars: StarTable) -> Verdict:
     """Return the verdict on a result: correct, imprecise, wrong or none. Only the matched stars are computed, because the
     verdict depends on no other star."""
-    matched = [] if result.matches is None else result.matches.hip.tolist()
-    rows = [row for hip in matched if (row := stars.row_of_hip.get(hip)) is not None]
-    return score(
-        result, truth_on(profile.camera, truth_quaternion, stars.take(np.array(rows, np.intp))), profile.camera
-    )
+    rows = stars.rows_of(np.empty(0, np.int32) if result.matches is None else result.matches.hip)
+    matched = stars.take(rows[rows >= 0])
+    return score(result, truth_on(profile.camera, truth_quaternion, matched), profile.camera)
 
 
 def truth_on(camera: Camera, quaternion: Array, stars: StarTable) -> Truth:

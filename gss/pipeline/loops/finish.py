@@ -82,26 +82,21 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
         for k in range(n):
             v, sigma_v = line_mag(line, magnitude[k])
             faintest = max(faintest, v + BRIGHTNESS_SIGMA * sigma_v)
-        star, places, place_sigma, visible = expected_stars(
-            camera, icrs, v_mag, cells, velocity, turn, covariance, faintest + 1.0
-        )
-        order = np.argsort(places[:visible, 0])
-        bright, shift, share, reach = np.empty(visible), np.empty((visible, 2)), np.empty(visible), np.empty(visible)
-        companions(star, v_mag, places, order, visible, psf_px, bright, shift, share, reach)
+        star, places = expected_stars(camera, icrs, v_mag, cells, velocity, turn, faintest + 1.0)
+        bright, shift, share, reach = companions(star, v_mag, places, psf_px)
         excess = excess_px(residual, weight, sigma_px, named_rows, len(named_rows))
-        expected = (star, places, place_sigma, bright, shift, share, reach)
+        expected = (star, places, bright, shift, share, reach)
         assign(
             spots,
             sigma_px,
             magnitude,
             magnitude_sigma,
             expected,
-            visible,
-            order,
             line,
             max(excess, FLOOR_PX),
             verified,
-            camera,
+            icrs,
+            (camera, velocity, turn, covariance),
             name,
         )
         matched = 0

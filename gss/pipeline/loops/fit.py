@@ -143,12 +143,9 @@ def _displaced_star(residual, jacobian, step, weight, used, undone):
             across, down = offset[k, 0], offset[k, 1]
             pull = d * across * across - 2 * b * across * down + a * down * down
             decrease[k] = max(weight[k] * pull / determinant, 0.0)
-    worst, smallest = -1, DISPLACED / good
-    for k in range(n):
-        chance = (1 + decrease[k] / max(total - decrease[k], freedom)) ** (-freedom / 2)
-        if chance < smallest:
-            worst, smallest = k, chance
-    return worst
+    worst = np.argmax(decrease)  # its probability is the lowest
+    chance = (1 + decrease[worst] / max(total - decrease[worst], freedom)) ** (-freedom / 2)
+    return worst if chance < DISPLACED / good else -1
 
 
 @loop

@@ -100,73 +100,86 @@ def aberrated(icrs, row, velocity):
 
 
 @loop
-def expected_stars(camera, icrs, v_mag, cells, velocity, turn, covariance, faintest):
-    """Return the stars on the detector down to magnitude ``faintest``: rows, pixels, errors of the pixels, and number of stars."""
+def expected_stars(camera, icrs, v_mag, cells, velocity, turn, faintest):
+    """Return the rows and the (n, 2) pixels of the stars on the detector down to magnitude ``faintest``, sorted by column."""
     below = np.searchsorted(v_mag, min(faintest, v_mag[-1]), side="right")
     room = room_near(cells, turn[2], camera[REACH])
-    star, places, sigma = np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
+    star, places = np.empty(room, np.int64), np.empty((room, 2))
     near = stars_near(icrs, cells, turn[2], camera[REACH], below, star)
-    xx, xy, xz = covariance[0, 0], covariance[0, 1], covariance[0, 2]
-    yy, yz, zz = covariance[1, 1], covariance[1, 2], covariance[2, 2]
     count = 0
     for k in range(near):
         row = star[k]
         ax, ay, az = aberrated(icrs, row, velocity)
         x, y, z = turned(turn, ax, ay, az)
         col, line = project(camera, x, y, z)
-        if not contains(camera, col, line, MAX_GATE_PX):
-            continue
-        _, _, a, b, c, d, e, f = slopes(camera, x, y, z)
-        variance = a * a * xx + b * b * yy + c * c * zz + 2 * (a * b * xy + a * c * xz + b * c * yz)
-        variance += d * d * xx + e * e * yy + f * f * zz + 2 * (d * e * xy + d * f * xz + e * f * yz)
-        star[count], places[count, 0], places[count, 1] = row, col, line
-        sigma[count] = math.sqrt(max(variance, 0.0) / 2)
-        count += 1
-    return star, places, sigma, count
+        if contains(camera, col, line, MAX_GATE_PX):
+            star[count], places[count, 0], places[count, 1] = row, col, line
+            count += 1
+    order = np.argsort(places[:count, 0])
+    sorted_star, sorted_places = np.empty(count, np.int64), np.empty((count, 2))
+    for k in range(count):
+        row = order[k]
+        sorted_star[k], sorted_places[k, 0], sorted_places[k, 1] = star[row], places[row, 0], places[row, 1]
+    return sorted_star, sorted_places
 
 
 @loop
-def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, reach):
-    """Write for each star the magnitude including companions, the displacement by companions, the star's share of the
-    light, and the largest distance of its detection. ``order``: indices of ``places`` sorted by column."""
+def place_variance_px2(fit, icrs, row):
+    """Return the variance per axis of a star's predicted position from the errors of the fitted attitude. ``fit``: camera,
+    velocity, attitude and covariance."""
+    camera, velocity, turn, covariance = fit
+    ax, ay, az = aberrated(icrs, row, velocity)
+    x, y, z = turned(turn, ax, ay, az)
+    _, _, a, b, c, d, e, f = slopes(camera, x, y, z)
+    xx, xy, xz = covariance[0, 0], covariance[0, 1], covariance[0, 2]
+    yy, yz, zz = covariance[1, 1], covariance[1, 2], covariance[2, 2]
+    variance = a * a * xx + b * b * yy + c * c * zz + 2 * (a * b * xy + a * c * xz + b * c * yz)
+    variance += d * d * xx + e * e * yy + f * f * zz + 2 * (d * e * xy + d * f * xz + e * f * yz)
+    return max(variance, 0.0) / 2
+
+
+@loop
+def companions(star, v_mag, places, psf_px):
+    """Return for each star the magnitude including companions, the displacement by companions, the star's share of the
+    light, and the largest distance of its detection."""
+    count = len(star)
+    bright, shift, share, reach = np.empty(count), np.zeros((count, 2)), np.ones(count), np.full(count, MAX_GATE_PX)
     widest = BLEND_REACH_SIGMA * psf_px
-    for k in range(count):
-        a = order[k]
-        star_light = 10 ** (-0.4 * (v_mag[star[a]] - 5))
-        light, reach[a], moved_col, moved_row = star_light, MAX_GATE_PX, 0.0, 0.0
+    for a in range(count):
+        light, moved_col, moved_row = 1.0, 0.0, 0.0  # in units of the star's light
         for side in (-1, 1):
-            other = k + side
-            while 0 <= other < count and abs(places[order[other], 0] - places[a, 0]) <= widest:
-                b = order[other]
-                other += side
+            b = a + side
+            while 0 <= b < count and abs(places[b, 0] - places[a, 0]) <= widest:
                 across, down = places[b, 0] - places[a, 0], places[b, 1] - places[a, 1]
                 d2 = across * across + down * down
-                if d2 > widest * widest:
-                    continue
-                companion_flux = 10 ** (-0.4 * (v_mag[star[b]] - 5))
-                # Light that a second Gaussian adds to the matched filter of the first Gaussian. This light also shifts
-                # the fitted centre.
-                overlap = companion_flux * math.exp(-d2 / (4 * psf_px * psf_px))
-                light += overlap
-                moved_col += overlap * across
-                moved_row += overlap * down
-                if companion_flux > COMPARABLE * star_light:
-                    apart = math.sqrt(d2)
-                    reach[a] = min(reach[a], RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
-        bright[a] = 5 - 2.5 * math.log10(light)
-        shift[a, 0], shift[a, 1] = moved_col / light, moved_row / light
-        share[a] = star_light / light
+                if d2 <= widest * widest:
+                    ratio = 10 ** (-0.4 * (v_mag[star[b]] - v_mag[star[a]]))
+                    # Light that a second Gaussian adds to the matched filter of the first Gaussian. This light also
+                    # shifts the fitted centre.
+                    overlap = ratio * math.exp(-d2 / (4 * psf_px * psf_px))
+                    light += overlap
+                    moved_col += overlap * across
+                    moved_row += overlap * down
+                    if ratio > COMPARABLE:
+                        apart = math.sqrt(d2)
+                        reach[a] = min(reach[a], RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
+                b += side
+        bright[a] = v_mag[star[a]]
+        if light > 1.0:
+            bright[a] -= 2.5 * math.log10(light)
+            shift[a, 0], shift[a, 1], share[a] = moved_col / light, moved_row / light, 1 / light
+    return bright, shift, share, reach
 
 
 @loop
-def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, line, extra_px, verified, camera, name):
-    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous. Equivalent to ``faint._assign``."""
-    star, places, place_sigma, bright, shift, share, reach = expected
+def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, line, extra_px, verified, icrs, fit, name):
+    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous. Equivalent to ``faint._assign``.
+    ``fit``: see :func:`place_variance_px2`."""
+    star, places, bright, shift, share, reach = expected
+    camera = fit[0]
     n = len(spots)
-    columns = np.empty(count)
-    for k in range(count):
-        columns[k] = places[order[k], 0]
-    ranked = np.sort(bright[:count])
+    count, columns = len(star), places[:, 0].copy()
+    ranked = np.sort(bright)
     rivals_of_star = np.zeros(count, np.int64)
     capacity = 64
     pair_spot, pair_star, pair_expected_stars, pairs = (
@@ -180,16 +193,16 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, 
         v, sigma_v = line_mag(line, magnitude[s])
         noise = math.sqrt(sigma_v * sigma_v + magnitude_sigma[s] * magnitude_sigma[s])
         first = np.searchsorted(columns, spots[s, 0] - MAX_GATE_PX)
-        for k in range(first, count):
-            if columns[k] > spots[s, 0] + MAX_GATE_PX:
+        for e in range(first, count):
+            if columns[e] > spots[s, 0] + MAX_GATE_PX:
                 break
-            e = order[k]
             across, down = spots[s, 0] - places[e, 0], spots[s, 1] - places[e, 1]
             d2 = across * across + down * down
             if d2 > MAX_GATE_PX * MAX_GATE_PX or d2 > reach[e] * reach[e]:
                 continue
             moved2 = shift[e, 0] * shift[e, 0] + shift[e, 1] * shift[e, 1]
-            variance = sigma_px[s] * sigma_px[s] + place_sigma[e] * place_sigma[e] + moved2 / 4 + extra_px * extra_px
+            variance = sigma_px[s] * sigma_px[s] + moved2 / 4 + extra_px * extra_px
+            variance += place_variance_px2(fit, icrs, star[e])
             gate = min(GATE_SIGMA * math.sqrt(variance), MAX_GATE_PX)
             if (across - shift[e, 0]) ** 2 + (down - shift[e, 1]) ** 2 > gate * gate:
                 continue
