@@ -47,7 +47,7 @@ class CommandRecord:
     def event(self, *, late: bool = False, **facts: Unpack[ReportFacts]) -> CommandUpdate:
         """Return the current stage as an event."""
         base = CommandUpdate(self.request_id, self.command.name, self.stage, attempt=self.attempt, late=late)
-        return replace(base, arguments=self.arguments, **facts)
+        return replace(base, arguments=self.arguments, unit=self.unit or "", **facts)
 
     def to(
         self, stage: Stage, deadline_s: float | None = None, late: bool = False, **facts: Unpack[ReportFacts]

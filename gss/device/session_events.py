@@ -74,7 +74,8 @@ class CommandUpdate:
     ``device_time_s``: device time in the report, None for stages that the host sets. ``reason``: name of a rejection or
     failure in the dictionary, "" otherwise. ``detail``: a sentence. ``values``: the command's returned values, at
     COMPLETED. ``progress``: percent, at PROGRESS. ``late``: received after the timeout. ``replayed``: the device
-    repeated a stored report. ``attempt``: 1 for the first sending. ``arguments``: all arguments of the command.
+    repeated a stored report. ``attempt``: 1 for the first sending. ``arguments``: all arguments of the command. ``unit``:
+    serial number of the unit to which it was sent, "" if not known.
     """
 
     request_id: int
@@ -89,6 +90,7 @@ class CommandUpdate:
     replayed: bool = False
     attempt: int = 1
     arguments: Mapping[str, Value] = field(default_factory=dict)
+    unit: str = ""
 
 
 @dataclass(frozen=True)

@@ -293,6 +293,27 @@ def test_a_command_is_not_retried_on_another_unit(make_console, database):
     assert third.end(third.commands.retry(row.id, user="ann")).result == "completed"
 
 
+def test_a_command_of_a_unit_without_serial_number_can_be_retried_after_a_restart(make_console):
+    """A unit without a serial number cannot be distinguished from others, and its commands can be retried."""
+    first = make_console(serial="")
+    first.sensor.deaf = True
+    row = first.end(first.send("TAKE_IMAGE"))
+    first.sensor.deaf = False
+    second = make_console(serial="")
+    second.wait(lambda: second.link.hello is not None)
+    assert second.end(second.commands.retry(row.id, user="ann")).result == "completed"
+
+
+def test_a_command_queued_before_the_unit_is_known_stores_its_unit(console, database):
+    """The unit of a command that was queued before a unit had identified itself is stored with its next stage."""
+    console.sensor.deaf = True
+    row = console.send("TAKE_IMAGE")
+    with database.unit_of_work() as session:  # as if it had been queued before HELLO was answered
+        session.get(Command, row.id).unit = ""
+    assert console.end(row).result == "unknown"
+    assert console.commands.get(row.id).unit == console.link.hello.serial != ""
+
+
 def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):
     """The device stores a limited number of ids. A retry of an older command is rejected unless it is idempotent."""
     console.sensor.deaf = True

@@ -181,6 +181,8 @@ class CommandRecorder:
             values.pop("result")
         if detail or event.stage in FINAL_STAGES:
             values["detail"] = detail  # a final stage without detail clears the text of the unknown result
+        if event.unit and not command.unit:
+            values["unit"] = event.unit  # it was queued before the unit had identified itself
         if event.late:
             values["late"] = True
         if event.stage in FINAL_STAGES:
