@@ -14,8 +14,6 @@ import struct
 import numpy as np
 import zstandard
 
-from gss.domain.errors import CorruptData
-
 MAGIC = b"GSSPACK1"
 _HEADER = struct.Struct("<8sBQ")
 """Magic, bytes of an item, bytes before compression."""
@@ -86,11 +84,3 @@ def zstd_plain(data: bytes | memoryview, size: int) -> bytes | None:
     except zstandard.ZstdError:
         return None
     return plain if len(plain) == size else None
-
-
-def unzstd(data: bytes) -> bytes:
-    """Return the plain bytes of one zstd frame that states its size. Raises CorruptData if it is damaged."""
-    try:
-        return zstandard.ZstdDecompressor().decompress(data)
-    except zstandard.ZstdError as error:
-        raise CorruptData("the packed data cannot be decompressed", got=str(error)) from None

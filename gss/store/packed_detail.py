@@ -11,15 +11,18 @@ import json
 import math
 import zlib
 from base64 import b64decode, b64encode, b85decode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
+from gss.domain.errors import CorruptData
 from gss.domain.json_object import JsonObject
-from gss.store.compression import byte_planes, items_of_planes, unzstd, zstd
+from gss.store.compression import byte_planes, items_of_planes, zstd
 
 POSITION_STEP_PX = 1e-5
 MAGNITUDE_STEP = 1e-4
@@ -118,7 +121,7 @@ class StarColumns:
 
 
 def _plain_block(text: str) -> bytes:
-    return items_of_planes(unzstd(b64decode(text)), ITEM_BYTES)
+    return items_of_planes(zstandard.ZstdDecompressor().decompress(b64decode(text)), ITEM_BYTES)
 
 
 DECODERS: dict[str, Callable[[str], bytes]] = {
@@ -155,29 +158,42 @@ def with_rows(detail: Mapping[str, Any]) -> JsonObject:
     }
 
 
+@contextmanager
+def _damage_reported(name: str) -> Iterator[None]:
+    """Raise CorruptData for a packed list that cannot be read."""
+    try:
+        yield
+    except (ValueError, IndexError, MemoryError, zlib.error, zstandard.ZstdError) as error:
+        raise CorruptData(f"the stored {name} of a solution are damaged", got=str(error) or "a huge size") from None
+
+
 def unpacked(detail: JsonObject) -> JsonObject:
-    """Return the document with plain lists."""
+    """Return the document with plain lists. Raises CorruptData if they are damaged."""
     key = next((key for key in DECODERS if key in detail), None)
     if key is None:
         return detail
     plain = {name: value for name, value in detail.items() if name != key}
     for name, unpack in (("regions", _unpack_regions), ("stars", _unpack_stars)):
         if name in detail[key]:
-            plain[name] = unpack(_DetailReader(DECODERS[key](detail[key][name])))
+            with _damage_reported(name):
+                plain[name] = unpack(_DetailReader(DECODERS[key](detail[key][name])))
     return plain
 
 
 def residuals_px(detail: JsonObject) -> dict[int, float | None]:
     """Return the Hipparcos number of each matched star with the distance between its measured and predicted position, None
     if it is not stored. Reads a packed document without building its rows."""
-    blocks = (decode(detail[key]["stars"]) for key, decode in DECODERS.items() if "stars" in detail.get(key, {}))
-    packed_stars = next(blocks, None)
-    if packed_stars is None:
+    key = next((key for key in DECODERS if "stars" in detail.get(key, {})), None)
+    if key is None:
         offsets = [
             (star["hip"], star.get("dx_px"), star.get("dy_px")) for star in detail.get("stars", []) if "hip" in star
         ]
         return {hip: None if dx is None or dy is None else math.hypot(dx, dy) for hip, dx, dy in offsets}
-    reader = _DetailReader(packed_stars)
+    with _damage_reported("stars"):
+        return _packed_residuals_px(_DetailReader(DECODERS[key](detail[key]["stars"])))
+
+
+def _packed_residuals_px(reader: _DetailReader) -> dict[int, float | None]:
     count = reader.count()
     reader.numbers("<u4", CENTROID_COLUMNS * count)
     matches = reader.count()

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from zstandard import ZstdDecompressor
 
 from gss.domain.errors import CorruptData
 from gss.domain.json_object import JsonObject
 from gss.store.blobs import BlobStore
-from gss.store.compression import MAGIC, compressed, decompressed, items_of_planes, unzstd, zstd, zstd_plain
+from gss.store.compression import MAGIC, compressed, decompressed, items_of_planes, zstd, zstd_plain
 from gss.store.packed_detail import packed, residuals_px, unpacked
 
 
@@ -103,17 +104,25 @@ REGION = {
 def _older_forms(stored: JsonObject) -> list[JsonObject]:
     """Return packed lists as earlier versions wrote them: without byte planes, with zlib, and as text in base 64 or 85."""
     texts = stored["packed_zstd"].items()
-    blocks = {name: zlib.compress(items_of_planes(unzstd(b64decode(text)), 4), 1) for name, text in texts}
+    plain = {name: ZstdDecompressor().decompress(b64decode(text)) for name, text in texts}
+    blocks = {name: zlib.compress(items_of_planes(planes, 4), 1) for name, planes in plain.items()}
     return [
         {key: {name: encode(block).decode() for name, block in blocks.items()}}
         for key, encode in (("packed64", b64encode), ("packed", b85encode))
     ]
 
 
-def test_damaged_packed_lists_are_reported() -> None:
-    """Packed lists that cannot be decompressed raise an error with the reason."""
-    with pytest.raises(CorruptData, match="cannot be decompressed"):
-        unpacked({"packed_zstd": {"regions": b64encode(b"damaged").decode()}})
+@pytest.mark.parametrize("form", ["packed_zstd", "packed64", "packed"])
+@pytest.mark.parametrize(
+    "block", [b"", b"damaged", zstd(b""), zstd(b"abc"), zlib.compress(b"abc"), zstd(bytes(400))[:9]]
+)
+def test_damaged_packed_lists_are_reported(form: str, block: bytes) -> None:
+    """Packed lists that cannot be decompressed or are incomplete raise an error with the reason."""
+    text = (b85encode if form == "packed" else b64encode)(block).decode()
+    with pytest.raises(CorruptData, match="stored regions of a solution are damaged"):
+        unpacked({form: {"regions": text}})
+    with pytest.raises(CorruptData, match="stored stars of a solution are damaged"):
+        residuals_px({form: {"stars": text}})
 
 
 def test_a_packed_detail_is_read_back() -> None:
