@@ -74,8 +74,11 @@ def loaded_bytes(content: memoryview) -> int | None:
     magic, table, count = ELF_HEADER.unpack_from(content)
     if magic != ELF_64_LITTLE or table + count * SEGMENT.size > len(content):
         return None
-    segments = (SEGMENT.unpack_from(content, table + k * SEGMENT.size) for k in range(count))
-    return max([table + count * SEGMENT.size, *(offset + size for offset, size in segments)])
+    end: int = table + count * SEGMENT.size
+    for k in range(count):
+        offset, size = SEGMENT.unpack_from(content, table + k * SEGMENT.size)
+        end = max(end, offset + size)
+    return end
 
 
 def drop_symbols(file: Path) -> int:
