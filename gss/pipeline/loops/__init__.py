@@ -11,5 +11,6 @@ import numba
 from gss.pipeline.kernels import cache_folder
 
 numba.config.CACHE_DIR = str(cache_folder() or "")
-# A division by zero gives infinity as in numpy, not an exception.
+# A division by zero gives infinity as in numpy, not an exception. A literal integer has a type of its own, for which numba compiles
+# a called loop once more; np.int64(0) does not.
 loop = partial(numba.njit, cache=True, error_model="numpy")

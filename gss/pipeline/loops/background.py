@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.pipeline.background import CLIP_ROUNDS, CLIP_SIGMA, FLAT_PER_SIGMA, LEAST_NOISE, LEAST_SHARE
 from gss.pipeline.loops import loop
+from gss.pipeline.loops.geometry import middle_of
 from gss.pipeline.small import Rows
 
 # Compare-exchange steps of a sorting network that moves the median of nine values to index 4 (Smith 1996, 19 steps).
@@ -112,7 +113,7 @@ def _median_of_nine(mesh, exchanges):
 @loop
 def _flatten(level, noise):
     """Set the levels to their mean if they agree within their error, and limit the noise from below."""
-    typical = np.median(noise)
+    typical = middle_of(noise.ravel(), noise.size)
     if np.std(level) < FLAT_PER_SIGMA * typical:
         level[:] = np.mean(level)
     lowest = max(LEAST_SHARE * typical, LEAST_NOISE)

@@ -83,7 +83,7 @@ def _count(camera, pixels, order, column, unit, rows, icrs, near, radius_px):
     room = max(len(near), len(rows))
     star, spot, weight = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
     turn = np.empty((3, 3))
-    count, is_first, settled = 0, True, False
+    count, is_first, settled = np.int64(0), True, False
     for k in range(len(rows)):
         if not math.isnan(unit[rows[k], 0]):
             spot[count], star[count], weight[count] = rows[k], k, 1.0
@@ -91,7 +91,7 @@ def _count(camera, pixels, order, column, unit, rows, icrs, near, radius_px):
     if count < 2:
         return 0, 0
     profile = _profile(unit, spot, icrs, star, weight, count)
-    matched = in_view = 0
+    matched = in_view = np.int64(0)
     visible, places = np.empty(len(near), np.int64), np.empty((len(near), 2))
     to, radius = np.empty(len(near), np.int64), np.empty(len(near))
     back = np.empty(len(pixels), np.int64)
@@ -104,7 +104,7 @@ def _count(camera, pixels, order, column, unit, rows, icrs, near, radius_px):
         else:
             _radii(places, in_view, pixels, spot, weight, count, radius_px, radius)
         pair_up(places, radius, in_view, pixels, order, column, to, back)
-        matched, same = 0, not is_first
+        matched, same = np.int64(0), not is_first
         for p in range(in_view):
             if to[p] < 0 or math.isnan(unit[to[p], 0]):
                 continue

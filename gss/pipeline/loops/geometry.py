@@ -313,7 +313,9 @@ def inverse(m, out):
 
 @loop
 def middle_of(values, count):
-    """Return the median of the first ``count`` values without changing their order."""
+    """Return the median of the first ``count`` values without changing their order; NaN if there are none."""
+    if count == 0:
+        return math.nan
     ordered = np.sort(values[:count])
     if count % 2:
         return ordered[count // 2]

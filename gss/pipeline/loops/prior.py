@@ -125,7 +125,7 @@ def find_near(
         rows[0], rows[1], rows[2] = observed[p], observed[q], observed[third]
         stars[0], stars[1], stars[2] = star[p], star[q], star[third]
         tried = float(max(hypotheses, 1))
-        matched, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, tried, turn)
+        matched, predicted, chance = verify(view, sky, camera, work, rows, stars, np.int64(3), tried, turn)
         if matched >= 3 and chance <= accept:
             three = observed[p], observed[q], observed[third]
             matched, predicted = without_one(

@@ -20,6 +20,7 @@ from gss.pipeline.loops.geometry import (
     best_rotation,
     contains,
     inverse,
+    middle_of,
     project,
     stars_near,
 )
@@ -172,7 +173,16 @@ def prepared(field):
     pixels, unit, sigma_rad, magnitude, sigma_px = field
     column = pixels[:, 0].copy()
     order = np.argsort(column)
-    return pixels, unit, sigma_rad, magnitude, np.median(sigma_px), np.std(magnitude), order, column[order]
+    return (
+        pixels,
+        unit,
+        sigma_rad,
+        magnitude,
+        middle_of(sigma_px, len(sigma_px)),
+        np.std(magnitude),
+        order,
+        column[order],
+    )
 
 
 @loop
@@ -184,12 +194,12 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
     icrs, v_mag, cells = sky
     visible, places, cam, radius, first_places, first_radius, to, back = work
     n = len(pixels)
-    first_predicted = predicted = 0
+    first_predicted = predicted = np.int64(0)
     first_seen = np.empty(0, np.int64)
     for round_ in range(ROUNDS):
         rotation_of(unit, sigma_rad, icrs, rows, stars, count, turn)
         near = stars_near(icrs, cells, turn[2], camera[REACH], len(icrs), visible)
-        predicted = 0
+        predicted = np.int64(0)
         for k in range(near):
             s = visible[k]
             x = turn[0, 0] * icrs[s, 0] + turn[0, 1] * icrs[s, 1] + turn[0, 2] * icrs[s, 2]
@@ -221,7 +231,7 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
         if matched < 3:
             return 0, predicted, 1.0
         settled = matched == count and same == count
-        count = 0
+        count = np.int64(0)
         for m in range(n):  # in the order of the detections
             p = back[m]
             if p >= 0 and to[p] == m:
@@ -258,7 +268,7 @@ def without_one(view, sky, camera, work, first, rows, stars, count, predicted, c
     some_rows, some_stars, other_turn = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((3, 3))
     matched_rows, matched_stars = rows[:count].copy(), stars[:count].copy()
     for left_out in first:
-        others = 0
+        others = np.int64(0)
         for m in range(len(matched_rows)):
             if matched_rows[m] != left_out:
                 some_rows[others], some_stars[others] = matched_rows[m], matched_stars[m]
@@ -266,7 +276,7 @@ def without_one(view, sky, camera, work, first, rows, stars, count, predicted, c
         if others < 3:
             continue
         more, more_predicted, its_chance = verify(
-            view, sky, camera, work, some_rows, some_stars, others, float(hypotheses), other_turn
+            view, sky, camera, work, some_rows, some_stars, others, hypotheses, other_turn
         )
         if more > count and its_chance <= chance:
             count, predicted = more, more_predicted

@@ -254,13 +254,13 @@ def find(
                 rows[0], rows[1], rows[2] = i, out[t, 1], out[t, 3]
                 stars[0], stars[1], stars[2] = out[t, 0], out[t, 2], out[t, 4]
                 rank = ranks[i + out[t, 1] - 2 * first]
-                count, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(rank), turn)
+                count, predicted, chance = verify(view, sky, camera, work, rows, stars, np.int64(3), float(rank), turn)
                 if count < least:
                     continue
                 if chance <= accept:
                     three = i, out[t, 1], out[t, 3]
                     count, predicted = without_one(
-                        view, sky, camera, work, three, rows, stars, count, predicted, chance, rank, turn
+                        view, sky, camera, work, three, rows, stars, count, predicted, chance, float(rank), turn
                     )
                     return count, predicted, chance, rank, False
                 if chance < best:

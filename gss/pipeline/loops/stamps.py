@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.pipeline.detect import BRIGHT_SNR, BRIGHTEST
 from gss.pipeline.loops import loop
+from gss.pipeline.loops.geometry import middle_of
 from gss.pipeline.peaks import Peaks
 from gss.pipeline.psf import (
     FIT_ROUNDS,
@@ -50,9 +51,12 @@ def _sizes(image, col, row, sky, snr, single, half, ceiling, moments):
             n += 1
     if n < 3 or not np.isfinite(moments[:, :n]).all():
         return 0.0, 0.0
-    xx, xy, yy = np.median(moments[0, :n]), np.median(moments[1, :n]), np.median(moments[2, :n])
+    xx, xy, yy = middle_of(moments[0], n), middle_of(moments[1], n), middle_of(moments[2], n)
     longest = max((xx + yy) / 2 + math.hypot((xx - yy) / 2, xy), NARROWEST_PX**2)
-    return longest, np.quantile((moments[0, :n] + moments[2, :n]) / 2, 0.75)
+    ordered = np.sort((moments[0, :n] + moments[2, :n]) / 2)
+    position = 0.75 * (n - 1)
+    k = int(position)
+    return longest, ordered[k] + (position - k) * (ordered[min(k + 1, n - 1)] - ordered[k])
 
 
 @loop
