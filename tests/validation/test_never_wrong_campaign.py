@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +12,18 @@ import pytest
 from gss.cli import main
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.studies.executor import HereExecutor
+from validation import never_wrong
 from validation.never_wrong.campaign import CampaignSettings, campaigns, keys, run_campaign
 from validation.never_wrong.faults import FAULTS
+from validation.never_wrong.fixed_cases import FINGERPRINTS, FIXED_CASES, found_before
 from validation.never_wrong.frames import FrameShard
 from validation.never_wrong.lists import Shard, Verdicts
 from validation.never_wrong.page import page
-from validation.never_wrong.record import CampaignRecord
+from validation.never_wrong.record import SIZES, CampaignBlock, CampaignRecord
 from validation.never_wrong.search import search
 
 LOCAL = HereExecutor()
+STORED = Path(never_wrong.__file__).with_name("results.json")
 SMALL = CampaignSettings(0, 13, 3, ("cubestar",), ("own",))
 
 
@@ -147,3 +151,59 @@ def test_a_search_solves_the_campaigns_lists_with_the_selected_faults(capsys: py
     for options in (["--fault", "no such fault"], ["--first", "500"], ["--first", "-1"]):
         assert main(["experiments", "search-wrong", "--attitudes", "500", *options]) == 2
     assert "Unknown fault" in capsys.readouterr().err
+
+
+def _solved(code: str, first: int, last: int, seed: int = 1) -> CampaignBlock:
+    """Return the solved lists of AIM's chain in a range of shards."""
+    return CampaignBlock(Shard, "aim", "own", seed, code, [(first, last)], Counter({(0, 0, "correct"): 1000}))
+
+
+OLD, NEW = FINGERPRINTS[0], FINGERPRINTS[-1]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "count"),
+    [
+        ([_solved(OLD, 0, 9), _solved(NEW, 10, 3999)], 5),  # 4085 and 5417 were corrected before OLD
+        ([_solved(OLD, 0, 9), _solved(NEW, 10, 200)], 2),  # 15013 and 38936; the others are not in the results
+        ([_solved(OLD, 0, 199), _solved(NEW, 200, 3999)], 3),  # the results of OLD contain the verdicts of these two
+        ([_solved(OLD, 0, 3999)], 0),
+        ([_solved(NEW, 0, 3999)], 0),
+        ([_solved("unknown", 0, 3999)], 0),  # one state of the sources: all verdicts are in the results
+        ([_solved("unknown", 0, 9), _solved(NEW, 10, 3999)], 7),
+        ([_solved(OLD, 0, 9), _solved("unknown", 10, 3999)], 7),  # may be from before OLD
+        ([_solved(OLD, 0, 9, 2), _solved(NEW, 10, 3999, 2)], 0),
+    ],
+)
+def test_limits_count_a_corrected_case_if_other_results_are_from_before(
+    blocks: list[CampaignBlock], count: int
+) -> None:
+    """A case counts only for its seed, and only if its own list was solved again and others were not. Sources of unknown order
+    can be from before or after a correction, and the page names them."""
+    assert found_before(blocks) == Counter({("lists", "aim", "own"): count})
+    text = page(blocks, blocks[0].seed, "kept.json")
+    assert f"| {count} | < " in text
+    assert ("sources unknown is unknown" in text) == any(b.code == "unknown" for b in blocks)
+
+
+def test_corrected_cases_agree_with_the_stored_results() -> None:
+    """All stored sources have a place in the order, and the list of each case was solved with its correction. The counts of each
+    camera and chain are those that follow from the commits of the corrections."""
+    blocks = CampaignRecord(STORED).blocks(1)
+    assert {block.code for block in blocks} == set(FINGERPRINTS)
+    for case in FIXED_CASES:
+        for key, numbers in case.found.items():
+            for number in (n for n in numbers if n is not None):
+                (code,) = [
+                    b.code for b in blocks if (b.name, b.camera, b.chain) == key and b.contains(number // SIZES[key[0]])
+                ]
+                assert FINGERPRINTS.index(code) >= FINGERPRINTS.index(case.corrected_in), (key, number)
+    assert {key: count for key, count in found_before(blocks).items() if count} == {
+        ("lists", "aim", "own"): 5,
+        ("lists", "aim", "reference"): 2,
+        ("lists", "cubestar", "own"): 1,
+        ("lists", "cubestar", "reference"): 2,
+        ("lists", "far_mst", "own"): 3,
+        ("lists", "oersted", "reference"): 1,
+        ("lists", "sunsat", "reference"): 1,
+    }

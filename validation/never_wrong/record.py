@@ -46,9 +46,13 @@ class CampaignBlock:
             for number in range(first, last + 1):
                 yield self.kind(self.camera, self.chain, self.seed, number)
 
+    def contains(self, number: int) -> bool:
+        """Return whether the shard with this number is completed."""
+        return any(first <= number <= last for first, last in self.shards)
+
     def add(self, number: int, verdicts: Verdicts) -> None:
         """Add a shard. Raises Conflict if the block already contains it."""
-        if any(first <= number <= last for first, last in self.shards):
+        if self.contains(number):
             raise Conflict(
                 f"shard {number} is already in the results", got=f"{self.name} of {self.camera}, {self.chain}"
             )
