@@ -16,12 +16,13 @@ STORAGE = {
         "fingerprint",
         "result_store",
         "never_wrong/campaign",
+        "never_wrong/fixed_cases",
         "never_wrong/page",
         "never_wrong/record",
         "never_wrong/search",
     )
 }
-"""Files that start runs, store results and write pages, and do not change a result."""
+"""Files that start runs, store results, and write pages or contain their texts, and do not change a result."""
 
 
 def fingerprint() -> str:

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+import validation
 from gss.cli import main
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import share_interval
 from validation.entries import ENTRIES
-from validation.fingerprint import fingerprint
+from validation.fingerprint import STORAGE, fingerprint
 from validation.result_store import ResultStore, StoredRun, as_page, as_text
 from validation.run import from_record, run_experiment
 
@@ -118,3 +119,14 @@ def test_lists_without_a_star_are_identified_at_most_as_often_as_stated() -> Non
     whole_sky, near = (int(str(row[3]).partition(" ")[0]) for row in experiment.rows[-2:])
     assert 0 < whole_sky <= 0.1 * 8 * 15
     assert near <= 0.02 * 8 * 15
+
+
+def test_files_without_influence_on_results_are_not_in_the_fingerprint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A change of the page's texts, or of the corrected cases that it lists, does not change the fingerprint, and a change of the
+    lists does. All files that are left out exist."""
+    before, read = fingerprint(), Path.read_bytes
+    root = Path(validation.__file__).parents[1]
+    assert all((root / name).is_file() for name in STORAGE)
+    for name, is_equal in (("page.py", True), ("fixed_cases.py", True), ("lists.py", False)):
+        monkeypatch.setattr(Path, "read_bytes", lambda path, name=name: read(path) + b"#" * (path.name == name))
+        assert (fingerprint() == before) == is_equal, name
