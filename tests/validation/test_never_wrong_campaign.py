@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -58,8 +59,9 @@ def test_the_file_is_small_and_complete(tmp_path: Path) -> None:
         *(Shard("aim", "own", 1, n) for n in range(6)),
     }
     assert CampaignRecord(file).blocks(2) == []
-    with pytest.raises(Conflict, match="shard 4"):
-        record.add(Shard("aim", "own", 1, 4), "first", verdicts)
+    for code in ("first", "second"):
+        with pytest.raises(Conflict, match="shard 4"):
+            record.add(Shard("aim", "own", 1, 4), code, verdicts)
 
 
 def test_selected_results_are_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -101,6 +103,21 @@ def test_a_file_that_is_not_a_record_is_rejected(tmp_path: Path, change: Callabl
     before = file.read_text("utf-8")
     assert main(["experiments", "never-wrong", "--attitudes", "250", "--keep", str(file)]) == 2
     assert file.read_text("utf-8") == before
+
+
+@pytest.mark.parametrize(("code", "shards", "match"), [("a", [7, 8], "block twice"), ("b", [5, 5], "shard 5 twice")])
+def test_a_file_with_repeated_results_is_rejected(tmp_path: Path, code: str, shards: list[int], match: str) -> None:
+    """Two blocks with one key, and a shard in two blocks, are rejected with the name of the second block. Before, the first block
+    was lost, or the shard counted twice."""
+    file = tmp_path / "kept.json"
+    for number in (4, 5):
+        CampaignRecord(file).add(Shard("aim", "own", 1, number), "a", Verdicts({(0, 0, "none"): 250}, ()))
+    content = json.loads(file.read_text("utf-8"))
+    content["blocks"].append(content["blocks"][0] | {"code": code, "shards": [shards]})
+    file.write_text(json.dumps(content), "utf-8")
+    with pytest.raises(BadInput, match=match) as error:
+        CampaignRecord(file)
+    assert f"lists of aim, own, seed 1, sources {code}" in str(error.value.got)
 
 
 def test_two_runs_with_one_file_lose_nothing(tmp_path: Path) -> None:

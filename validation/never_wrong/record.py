@@ -14,6 +14,8 @@ from validation.never_wrong.frames import FRAME_SHARD, FrameShard
 from validation.never_wrong.lists import SHARD, Shard, Verdicts
 
 VERSION = 1
+BlockKey = tuple[type[Shard | FrameShard], str, str, int, str]
+"""Kind, camera, chain, seed, and fingerprint of the sources."""
 
 
 @dataclass
@@ -36,6 +38,16 @@ class CampaignBlock:
         return KINDS[self.kind]
 
     @property
+    def key(self) -> BlockKey:
+        """Return what distinguishes the block from the others of a file."""
+        return self.kind, self.camera, self.chain, self.seed, self.code
+
+    @property
+    def title(self) -> str:
+        """Return the key for messages."""
+        return f"{self.name} of {self.camera}, {self.chain}, seed {self.seed}, sources {self.code}"
+
+    @property
     def cases(self) -> int:
         """Return the number of lists or frames."""
         return self.counts.total()
@@ -51,11 +63,7 @@ class CampaignBlock:
         return any(first <= number <= last for first, last in self.shards)
 
     def add(self, number: int, verdicts: Verdicts) -> None:
-        """Add a shard. Raises Conflict if the block already contains it."""
-        if self.contains(number):
-            raise Conflict(
-                f"shard {number} is already in the results", got=f"{self.name} of {self.camera}, {self.chain}"
-            )
+        """Add a shard that is not in the results."""
         self.counts.update(verdicts.counts)
         self.wrong += verdicts.wrong
         merged: list[tuple[int, int]] = []
@@ -74,14 +82,14 @@ SIZES = {"lists": SHARD, "frames": FRAME_SHARD}
 
 class CampaignRecord:
     """Completed shards of a campaign, stored in ``file``. A missing file is an empty record. Raises BadInput if the file is
-    not a record."""
+    not a record, or if it contains a shard or the key of a block twice."""
 
     def __init__(self, file: Path) -> None:
         self._file, self._state = file, _state(file)
-        self._blocks: dict[tuple[type[Shard | FrameShard], str, str, int, str], CampaignBlock] = {}
+        self._blocks: dict[BlockKey, CampaignBlock] = {}
         if file.is_file():
             for block in _read(file):
-                self._blocks[block.kind, block.camera, block.chain, block.seed, block.code] = block
+                self._blocks[block.key] = block
 
     def blocks(self, seed: int) -> list[CampaignBlock]:
         """Return the blocks of a seed."""
@@ -93,7 +101,8 @@ class CampaignRecord:
 
     def add(self, key: Shard | FrameShard, code: str, verdicts: Verdicts) -> None:
         """Add the verdicts of a shard, and write the file. ``code``: fingerprint of the sources. Raises Conflict if
-        another program has changed the file since it was read."""
+        another program has changed the file since it was read, or if the record contains the shard, also from other sources.
+        """
         if _state(self._file) != self._state:
             raise Conflict(
                 "another run has changed the results of the campaign",
@@ -101,6 +110,9 @@ class CampaignRecord:
                 hint="run one campaign per file",
             )
         block_key = (type(key), key.camera, key.chain, key.seed, code)
+        for block in self._blocks.values():
+            if block.key[:-1] == block_key[:-1] and block.contains(key.number):
+                raise Conflict(f"shard {key.number} is already in the results", got=block.title)
         self._blocks.setdefault(block_key, CampaignBlock(*block_key)).add(key.number, verdicts)
         self._file.parent.mkdir(parents=True, exist_ok=True)
         part = self._file.with_name(self._file.name + ".part")
@@ -156,13 +168,30 @@ def _read(file: Path) -> list[CampaignBlock]:
         content = json.loads(file.read_text("utf-8"))
         found = (content["version"], content["cases_per_shard"])
         if found == (VERSION, SIZES):
-            return [_from_record(record) for record in content["blocks"]]
+            return _checked(file, [_from_record(record) for record in content["blocks"]])
     except (ValueError, KeyError, TypeError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise BadInput(
             f"{file} is not a file of campaign results", expected="the file of an earlier run", got=reason
         ) from None
     raise BadInput(f"{file} is from another version of the campaign", expected=str((VERSION, SIZES)), got=str(found))
+
+
+def _checked(file: Path, blocks: list[CampaignBlock]) -> list[CampaignBlock]:
+    """Return the blocks. Raises BadInput if a key or a shard is repeated: sums cannot be divided, so that the shard would count
+    twice, or a block would replace another one."""
+    keys, shards = set[BlockKey](), set[Shard | FrameShard]()
+    for block in blocks:
+        if block.key in keys:
+            raise BadInput(f"{file} contains a block twice", expected="different blocks", got=block.title)
+        keys.add(block.key)
+        for shard in block.completed():
+            if shard in shards:
+                raise BadInput(
+                    f"{file} contains shard {shard.number} twice", expected="each shard in one block", got=block.title
+                )
+            shards.add(shard)
+    return blocks
 
 
 def _from_record(record: dict[str, Any]) -> CampaignBlock:
