@@ -112,6 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadInput("no experiment named", expected="NAME … or --all", hint="gss experiments list")
     for name in names:
         entry(name)
+    _check_different(arguments.page, arguments.keep)
     for file in (arguments.page, arguments.keep):
         if file is not None:
             _check_writable(file)
@@ -138,6 +139,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _check_different(page: Path | None, keep: Path | None) -> None:
+    """Raise BadInput if the page would replace the stored results, also through a link."""
+    if page is None or keep is None:
+        return
+    if page.resolve() == keep.resolve() or (page.exists() and keep.exists() and page.samefile(keep)):
+        raise BadInput("--page and --keep name the same file", expected="two files", got=str(page))
+
+
 def _check_writable(file: Path) -> None:
     """Raise BadInput if a file cannot be written, before the runs whose results it receives."""
     if file.is_dir() or not os.access(file if file.exists() else file.parent, os.W_OK):
@@ -153,6 +162,7 @@ def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arg
     from validation.never_wrong.record import CampaignRecord
 
     settings = _settings(arguments, arguments.frames)
+    _check_different(arguments.page, arguments.keep)
     record = CampaignRecord(arguments.keep)
     if arguments.page is not None:
         blocks = record.blocks(arguments.seed)

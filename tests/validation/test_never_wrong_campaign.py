@@ -120,6 +120,20 @@ def test_a_file_with_repeated_results_is_rejected(tmp_path: Path, code: str, sha
     assert f"lists of aim, own, seed 1, sources {code}" in str(error.value.got)
 
 
+def test_a_page_does_not_replace_the_stored_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One file for page and results is rejected, also under another name."""
+    file, link, hard_link = (tmp_path / name for name in ("kept.json", "link.json", "hard_link.json"))
+    CampaignRecord(file).add(Shard("aim", "own", 1, 0), "first", Verdicts({(0, 0, "none"): 250}, ()))
+    before = file.read_bytes()
+    link.symlink_to(file)
+    hard_link.hardlink_to(file)
+    for page_file in (file, tmp_path / ".." / tmp_path.name / "kept.json", link, hard_link):
+        for command in (["never-wrong"], ["run", "erlank-6-1", "--trials", "1"]):
+            assert main(["experiments", *command, "--keep", str(file), "--page", str(page_file)]) == 2
+            assert "the same file" in capsys.readouterr().err
+            assert file.read_bytes() == before
+
+
 def test_two_runs_with_one_file_lose_nothing(tmp_path: Path) -> None:
     """A run ends if another one has added results to its file."""
     file, verdicts = tmp_path / "kept.json", Verdicts({(0, 0, "none"): 13}, ())
