@@ -58,7 +58,10 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     _add_selection(p)
     p.add_argument("--keep", type=Path, default=Path("never-wrong.json"), metavar="FILE", help="file of stored results")
     p.add_argument(
-        "--again", action="store_true", help="rerun the selected cameras and chains; the results replace those in FILE"
+        "--again",
+        action="store_true",
+        help="rerun the selected cameras and chains; the results replace those in FILE; rejected if FILE has more lists or "
+        "frames of them than --attitudes and --frames select",
     )
     p.add_argument(
         "--page", type=Path, metavar="FILE", help="write a Markdown page of the stored results without further runs"
