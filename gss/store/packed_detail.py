@@ -180,7 +180,7 @@ def unpacked(detail: JsonObject) -> JsonObject:
     return plain
 
 
-def residuals_px(detail: JsonObject) -> dict[int, float | None]:
+def residuals_px(detail: Mapping[str, Any]) -> dict[int, float | None]:
     """Return the Hipparcos number of each matched star with the distance between its measured and predicted position, None
     if it is not stored. Reads a packed document without building its rows."""
     key = next((key for key in DECODERS if "stars" in detail.get(key, {})), None)
