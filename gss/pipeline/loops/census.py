@@ -108,7 +108,7 @@ def _count(camera, pixels, order, column, unit, rows, icrs, near, radius_px):
         for p in range(in_view):
             if to[p] < 0 or math.isnan(unit[to[p], 0]):
                 continue
-            same = same and matched < count and spot[matched] == to[p] and star[matched] == visible[p]
+            same = bool(same and matched < count and spot[matched] == to[p] and star[matched] == visible[p])
             spot[matched], star[matched] = to[p], visible[p]
             weight[matched] = (radius_px / radius[p]) ** 2
             matched += 1
