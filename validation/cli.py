@@ -44,7 +44,12 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
     p.add_argument("--json", action="store_true", help="print one JSON object per experiment and line")
     p.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page with every table")
-    p.add_argument("--keep", type=Path, metavar="FILE", help="store each run in FILE and reuse runs stored there")
+    p.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FILE",
+        help="store each run in FILE; a stored run is reused if it has N trials, or without --trials at least the default number",
+    )
     p.set_defaults(run=run)
     p = kinds.add_parser(
         "never-wrong",
@@ -106,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     from validation.entries import ENTRIES
     from validation.fingerprint import fingerprint
     from validation.result_store import ResultStore, StoredRun, as_page, as_text
-    from validation.run import as_record, entry, run_experiment
+    from validation.run import as_record, default_trials, entry, run_experiment
 
     if not 0 < arguments.share <= 100:
         raise BadInput("share of trials is out of range", expected="above 0, at most 100", got=f"{arguments.share:g}")
@@ -124,8 +129,11 @@ def run(arguments: argparse.Namespace) -> int:
     for name in names:
         if sys.stderr.isatty():
             print(f"… {name}", file=sys.stderr, flush=True)
-        trials = max(1, round(arguments.share * entry(name).trials)) if arguments.trials is None else arguments.trials
-        stored_run = None if shelf is None else shelf.get(name, trials, arguments.seed)
+        trials = default_trials(name, arguments.share) if arguments.trials is None else arguments.trials
+        stored_run = None
+        if shelf is not None:
+            find = shelf.longest if arguments.trials is None else shelf.get
+            stored_run = find(name, trials, arguments.seed)
         if stored_run is None:
             began_s = time.process_time()
             experiment = run_experiment(name, trials=trials, seed=arguments.seed)

@@ -26,12 +26,12 @@ STORAGE = {
 
 
 def fingerprint() -> str:
-    """Return twelve hexadecimal digits that identify the Python files and the instrument packages (YAML) in ``FOLDERS``
-    of gss and in this package, without those in ``STORAGE``."""
+    """Return twelve hexadecimal digits that identify the Python files, the instrument packages (YAML) and the star tables in
+    ``FOLDERS`` of gss and in this package, without those in ``STORAGE``."""
     root, own_folder = Path(gss.__file__).parent, Path(validation.__file__).parent
     digest = hashlib.sha256()
     for folder in (*(root / name for name in FOLDERS), own_folder):
-        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".py", ".yaml")):
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".py", ".yaml", ".npz")):
             name = path.relative_to(folder.parent).as_posix()
             if name not in STORAGE:
                 digest.update(name.encode() + path.read_bytes())

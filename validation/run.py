@@ -24,6 +24,11 @@ def entry(name: str) -> ExperimentEntry:
         raise NotFound("unknown experiment", expected=" | ".join(ENTRIES), got=name) from None
 
 
+def default_trials(name: str, share: float = 1.0) -> int:
+    """Return a share of the default number of trials of an experiment, at least one. Raises NotFound."""
+    return max(1, round(share * entry(name).trials))
+
+
 def check(name: str, trials: int | None, seed: int) -> int:
     """Return the number of trials of a run. Raises NotFound or BadInput if the run is not possible."""
     count = entry(name).trials if trials is None else trials

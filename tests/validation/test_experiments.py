@@ -14,7 +14,7 @@ from gss.domain.experiment import share_interval
 from validation.entries import ENTRIES
 from validation.fingerprint import STORAGE, fingerprint
 from validation.result_store import ResultStore, StoredRun, as_page, as_text
-from validation.run import from_record, run_experiment
+from validation.run import default_trials, from_record, run_experiment
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
@@ -96,8 +96,21 @@ def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*arguments, "60", "--page", str(page)]) == 0
     assert len(store.read_bytes().splitlines()) == 3
     assert ResultStore(store).get("erlank-3-6", 60, 1) is not None
+    assert "gss experiments run erlank-3-6 --page" in page.read_text()
+    assert "`erlank-3-6` ran with `--trials 60`" in page.read_text()
     assert "s of processor time" in page.read_text()
     assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)
+
+
+def test_a_longer_stored_run_is_reused_without_a_number_of_trials(tmp_path: Path) -> None:
+    """A stored run with at least the default number of trials is reused if no number is given, and the page states its number."""
+    store, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
+    experiment, trials = run_experiment("erlank-3-6", trials=50), default_trials("erlank-3-6")
+    for extra in (-1, 2, 1):
+        ResultStore(store).keep(StoredRun(experiment, trials + extra, 1.0, "0" * 12))
+    assert main(["experiments", "run", "erlank-3-6", "--keep", str(store), "--page", str(page)]) == 0
+    assert len(store.read_bytes().splitlines()) == 3
+    assert f"`erlank-3-6` ran with `--trials {trials + 2}`" in page.read_text()
 
 
 @pytest.mark.parametrize("option", ["--page", "--keep"])
