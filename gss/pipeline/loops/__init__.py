@@ -11,6 +11,6 @@ import numba
 from gss.pipeline.kernels import cache_folder
 
 numba.config.CACHE_DIR = str(cache_folder() or "")
-# A division by zero gives infinity as in numpy, not an exception. A literal integer has a type of its own, for which numba compiles
-# a called loop once more; np.int64(0) does not.
+# A division by zero gives infinity as in numpy, not an exception. numba compiles a called loop again for a literal integer, but not
+# for np.int64(0).
 loop = partial(numba.njit, cache=True, error_model="numpy")
