@@ -276,7 +276,7 @@ class HostSession:
 
     def _identified(self, values: Mapping[str, Value], device_time_s: float) -> None:
         previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
-        self._events += self._command_queue.identified(hello.serial)
+        self._events += self._command_queue.identified(hello.unit_name)
         self.transfers.identified(hello.serial)
         if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()

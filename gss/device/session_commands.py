@@ -28,9 +28,9 @@ ORDER = {s: i for i, s in enumerate((Stage.SENT, Stage.ACCEPTED, Stage.STARTED, 
 class CommandRecord:
     """One tracked command.
 
-    ``unit``: serial number of the unit for which it was queued, None until a unit has identified itself. ``deadline_s``: time
-    at which the current timeout expires; None if no timeout is running. ``urgent``: True if the session sends the command to
-    every unit, also before the unit has identified itself (HELLO, ABORT).
+    ``unit``: name of the unit for which it was queued, None until a unit has identified itself. ``deadline_s``: time at which
+    the current timeout expires; None if no timeout is running. ``urgent``: True if the session sends the command to every unit,
+    also before the unit has identified itself (HELLO, ABORT).
     """
 
     request_id: int
@@ -47,7 +47,8 @@ class CommandRecord:
     def event(self, *, late: bool = False, **facts: Unpack[ReportFacts]) -> CommandUpdate:
         """Return the current stage as an event."""
         base = CommandUpdate(self.request_id, self.command.name, self.stage, attempt=self.attempt, late=late)
-        return replace(base, arguments=self.arguments, unit=self.unit or "", **facts)
+        # An urgent command can be sent before the unit on the line has identified itself.
+        return replace(base, arguments=self.arguments, unit="" if self.urgent else self.unit or "", **facts)
 
     def to(
         self, stage: Stage, deadline_s: float | None = None, late: bool = False, **facts: Unpack[ReportFacts]
@@ -154,17 +155,17 @@ class CommandQueue:
         """Withdraw all queued commands; commands already sent are not affected."""
         return [self.withdraw(record.request_id, detail) for record in list(self._queue)]
 
-    def identified(self, serial: str) -> list[CommandUpdate]:
-        """Withdraw or lose the commands of other units after the unit with this serial number has identified itself.
+    def identified(self, unit: str) -> list[CommandUpdate]:
+        """Withdraw or lose the commands of other units after the unit with this name has identified itself.
 
         Queued commands are withdrawn. Commands under way become UNKNOWN; commands of unknown outcome can be retried when
         their unit is back. HELLO and ABORT continue, because they can have been sent to the new unit.
         """
-        self._unit, events = serial, []
+        self._unit, events = unit, []
         for record in self._records.values():
-            record.unit = serial if record.unit is None else record.unit
-            detail = f"The unit {serial} answered, not {record.unit}."
-            if record.unit == serial:
+            record.unit = unit if record.unit is None else record.unit
+            detail = f"The unit {unit} answered, not {record.unit}."
+            if record.unit == unit:
                 continue
             if record in self._queue:  # also a retried ABORT
                 events.append(self.withdraw(record.request_id, detail))

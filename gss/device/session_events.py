@@ -67,6 +67,10 @@ class ReportFacts(TypedDict, total=False):
     values: Mapping[str, Value]
 
 
+LONGEST_UNIT_NAME = 80
+"""Characters of a unit's name that are stored."""
+
+
 @dataclass(frozen=True)
 class CommandUpdate:
     """Event: a command reached a stage.
@@ -75,7 +79,7 @@ class CommandUpdate:
     failure in the dictionary, "" otherwise. ``detail``: a sentence. ``values``: the command's returned values, at
     COMPLETED. ``progress``: percent, at PROGRESS. ``late``: received after the timeout. ``replayed``: the device
     repeated a stored report. ``attempt``: 1 for the first sending. ``arguments``: all arguments of the command. ``unit``:
-    serial number of the unit to which it was sent, "" if not known.
+    name of the unit to which it was sent, "" if not known, as for ABORT.
     """
 
     request_id: int
@@ -190,6 +194,11 @@ class HelloReceived:
     boot_count: int
     last_request_id: int
     device_time_s: float
+
+    @property
+    def unit_name(self) -> str:
+        """Name under which the unit is stored: its serial number, or instrument and model if it has none."""
+        return (self.serial or f"{self.profile} {self.device_model}")[:LONGEST_UNIT_NAME]
 
 
 @dataclass(frozen=True)

@@ -137,11 +137,10 @@ def of_unknown_fate(session: Session, limit: int) -> list[Command]:
 
 
 def unit_of_contact(session: Session, row: Command) -> str | None:
-    """Return the serial number of the last unit that answered in the contact of a command, for rows of versions that stored
-    no unit. None if no unit answered or it has no serial number; its name then begins with the instrument."""
-    query = select(Device).join(Contact, Contact.device_id == Device.id).where(Contact.id == row.contact_id)
-    device = session.scalar(query)
-    return None if device is None or device.name.startswith(f"{device.profile} ") else device.name
+    """Return the name of the last unit that answered in the contact of a command, for ABORT and rows of earlier versions, which
+    have no unit. None if no unit answered."""
+    query = select(Device.name).join(Contact, Contact.device_id == Device.id).where(Contact.id == row.contact_id)
+    return session.scalar(query)
 
 
 def last_request_id(session: Session) -> int:

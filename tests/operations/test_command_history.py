@@ -294,11 +294,16 @@ def test_a_command_is_not_retried_on_another_unit(make_console, database):
 
 
 def test_a_command_of_a_unit_without_serial_number_can_be_retried_after_a_restart(make_console):
-    """A unit without a serial number cannot be distinguished from others, and its commands can be retried."""
+    """A unit without a serial number is named by its instrument and model. Its commands can be retried, but not on a unit with a
+    serial number."""
     first = make_console(serial="")
     first.sensor.deaf = True
     row = first.end(first.send("TAKE_IMAGE"))
     first.sensor.deaf = False
+    other = make_console(serial="FM-2")
+    other.wait(lambda: other.link.hello is not None)
+    with pytest.raises(Conflict, match="another unit"):
+        other.commands.retry(row.id, user="ann")
     second = make_console(serial="")
     second.wait(lambda: second.link.hello is not None)
     assert second.end(second.commands.retry(row.id, user="ann")).result == "completed"
@@ -311,7 +316,13 @@ def test_a_command_queued_before_the_unit_is_known_stores_its_unit(console, data
     with database.unit_of_work() as session:  # as if it had been queued before HELLO was answered
         session.get(Command, row.id).unit = ""
     assert console.end(row).result == "unknown"
-    assert console.commands.get(row.id).unit == console.link.hello.serial != ""
+    assert console.commands.get(row.id).unit == console.link.hello.unit_name
+
+
+def test_abort_is_stored_without_the_unit_of_an_earlier_connection(console):
+    """ABORT can be sent before the unit on the line has identified itself, so its events state no unit."""
+    row = console.end(console.commands.abort(user="ann", source="abort").row(20))
+    assert (row.result, row.unit) == ("completed", "")
 
 
 def test_a_command_id_that_the_device_no_longer_stores_is_not_resent(console):

@@ -230,7 +230,7 @@ class CommandService:
         storing, because ABORT needs the lock."""
         with self._link.lock:
             request_id, hello = self._link.session.reserve(), self._link.session.hello
-        contact_id, name, unit = self._link.contact_id, order.command.name, hello.serial if hello else ""
+        contact_id, name, unit = self._link.contact_id, order.command.name, hello.unit_name if hello else ""
         row = self._recorder.add(request_id, name, arguments, user, source, contact_id, run_id, unit=unit)
         try:
             with self._link.lock:

@@ -149,14 +149,14 @@ class ContactLog:
         if not hello.dictionary_match:
             consequence = "as acknowledged" if self.dictionary_acknowledged else "commanding is blocked"
             severity, match = "warning", f"dictionary differs, {consequence}"
-        self.report(severity, f"{_name_of(hello)} connected, firmware {hello.firmware}, {match}")
+        self.report(severity, f"{hello.unit_name} connected, firmware {hello.firmware}, {match}")
 
     def _store_device(self, contact_id: int, hello: HelloReceived, at: datetime) -> None:
         with self._database.unit_of_work() as session:
             device = store.remember(
                 session,
                 at,
-                name=_name_of(hello),
+                name=hello.unit_name,
                 profile=hello.profile,
                 firmware=hello.firmware,
                 simulated=hello.simulated,
@@ -191,10 +191,6 @@ class ContactLog:
                 self._store_count(self.contact_id, self.counters_of(counters), None)
             except StoreDown as error:
                 log.warning("the contact's bytes were not stored: %s", error)
-
-
-def _name_of(hello: HelloReceived) -> str:
-    return hello.serial or f"{hello.profile} {hello.device_model}"
 
 
 def _difference(now: DirectionCounters, start: DirectionCounters) -> DirectionCounters:

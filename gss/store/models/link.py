@@ -46,7 +46,7 @@ class Contact(Base):
 
 
 class Command(Base):
-    """Command with its arguments and result. ``unit``: serial number of the unit for which it was queued, "" if not known."""
+    """Command with its arguments and result. ``unit``: name of the unit for which it was queued, "" if not known."""
 
     __tablename__ = "commands"
     id: Mapped[int] = mapped_column(primary_key=True)
