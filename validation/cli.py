@@ -48,7 +48,8 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
         "--keep",
         type=Path,
         metavar="FILE",
-        help="store each run in FILE; a stored run is reused if it has N trials, or without --trials at least the default number",
+        help="store each run in FILE; a stored run is reused if it has the number of --trials, or without it at least the "
+        "number that would run",
     )
     p.set_defaults(run=run)
     p = kinds.add_parser(
@@ -65,8 +66,8 @@ def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str |
     p.add_argument(
         "--again",
         action="store_true",
-        help="rerun the selected cameras and chains; the results replace those in FILE; rejected if FILE has more lists or "
-        "frames of them than --attitudes and --frames select",
+        help="rerun the selected cameras and chains; the results replace those in FILE; rejected if FILE has more of their "
+        "lists or frames than --attitudes and --frames select",
     )
     p.add_argument(
         "--page", type=Path, metavar="FILE", help="write a Markdown page of the stored results without further runs"
@@ -132,8 +133,9 @@ def run(arguments: argparse.Namespace) -> int:
         trials = default_trials(name, arguments.share) if arguments.trials is None else arguments.trials
         stored_run = None
         if shelf is not None:
-            find = shelf.longest if arguments.trials is None else shelf.get
-            stored_run = find(name, trials, arguments.seed)
+            exact = arguments.trials is not None
+            seed = arguments.seed
+            stored_run = shelf.get(name, trials, seed) if exact else shelf.best(name, trials, seed, fingerprint())
         if stored_run is None:
             began_s = time.process_time()
             experiment = run_experiment(name, trials=trials, seed=arguments.seed)

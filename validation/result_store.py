@@ -44,10 +44,11 @@ class ResultStore:
         """Return a stored run; None if it is not stored."""
         return self._held.get((name, trials, seed))
 
-    def longest(self, name: str, trials: int, seed: int) -> StoredRun | None:
-        """Return the stored run with the most trials, at least ``trials``; None if there is none."""
+    def best(self, name: str, trials: int, seed: int, code: str) -> StoredRun | None:
+        """Return a stored run with at least ``trials`` trials: one of the sources ``code`` if there is one, then that with the
+        most trials. None if there is none."""
         runs = [run for key, run in self._held.items() if (key[0], key[2]) == (name, seed) and run.trials >= trials]
-        return max(runs, key=lambda run: run.trials, default=None)
+        return max(runs, key=lambda run: (run.code == code, run.trials), default=None)
 
     def keep(self, done: StoredRun) -> None:
         """Store a run."""

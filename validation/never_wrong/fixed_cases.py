@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass
+from functools import cache
 
 from gss.pipeline.chains.reference import NAME as REFERENCE
+from validation.fingerprint import fingerprint
 from validation.never_wrong.lists import OWN
 from validation.never_wrong.record import SIZES, CampaignBlock
 
@@ -69,6 +71,8 @@ class FixedCase:
 
     def _is_corrected(self, code: str) -> bool | None:
         """Return whether these sources have the correction; None: unknown."""
+        if code == _present():
+            return True
         if code not in FINGERPRINTS:
             return None
         return FINGERPRINTS.index(code) >= FINGERPRINTS.index(self.corrected_in)
@@ -82,11 +86,22 @@ def found_before(blocks: list[CampaignBlock]) -> Counter[Input]:
     return total
 
 
+@cache
+def _present() -> str:
+    """Return the fingerprint of the present sources, which have every correction."""
+    return fingerprint()
+
+
 def unknown_sources(blocks: list[CampaignBlock]) -> list[str]:
-    """Return the fingerprints of ``blocks`` whose order is unknown, if their seed has a case. Their results count as solved
-    both before and after every correction."""
+    """Return the fingerprints of ``blocks`` whose order is unknown, if it matters: if their seed has a case, and results of other
+    sources for the same input exist. These results count as solved both before and after every correction."""
     seeds = {case.seed for case in FIXED_CASES}
-    return sorted({block.code for block in blocks if block.seed in seeds} - set(FINGERPRINTS))
+    codes: dict[tuple[str, str, str, int], set[str]] = defaultdict(set)
+    for block in blocks:
+        if block.seed in seeds:
+            codes[block.name, block.camera, block.chain, block.seed].add(block.code)
+    mixed: set[str] = set().union(*(several for several in codes.values() if len(several) > 1))
+    return sorted(mixed - {_present(), *FINGERPRINTS})
 
 
 FIXED_CASES = (

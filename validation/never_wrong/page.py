@@ -60,7 +60,7 @@ def _head(blocks: list[CampaignBlock], seed: int, file: str) -> str:
     seeds = ", ".join(str(number) for number in sorted({case.seed for case in FIXED_CASES}))
     codes = ", ".join(unknown_sources(blocks))
     unknown = (
-        f"The order of the sources {codes} is unknown, so each case counts that may have been solved again.\n"
+        f"The order of the sources {codes} is unknown. The limits count every case that their results can contain.\n"
         if codes
         else ""
     )
@@ -92,9 +92,9 @@ Settings of each camera:
 {summary}
 
 Earlier runs with seed {seeds} detected these cases. They are fixed and covered by tests. After each correction, the shard of
-{SHARD} lists or {FRAME_SHARD} frames with the case was solved again. Of some cameras and chains, all other results were
-solved again as well; of others, results from before the correction were kept. Where results below are from before the
-correction, the limits count the case as wrong (*found and fixed*); a case that is not among the results below does not count.
+{SHARD} lists or {FRAME_SHARD} frames with the case was solved again. For some cameras and chains, everything was solved again; for
+others, older results were kept. Where results below are from before the correction, the limits count the case as wrong
+(*found and fixed*), if its list or frame is among the results.
 {unknown}
 {fixed}
 """
