@@ -277,7 +277,7 @@ class HostSession:
     def _identified(self, values: Mapping[str, Value], device_time_s: float) -> None:
         previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
         self._events += self._command_queue.identified(hello.unit_name)
-        self.transfers.identified(hello.serial)
+        self.transfers.identified(hello.unit_name)
         if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()
         self._receiver.sequence.hello(device_time_s)

@@ -69,7 +69,7 @@ class TransferManager:
 
         ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged.
         ``part``: the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line.
-        ``paused``: reason to wait until the device has identified itself. ``unit``: serial number of the unit to which
+        ``paused``: reason to wait until the device has identified itself. ``unit``: name of the unit to which
         the transfer belongs, by default the unit that answered or the next one. Raises Conflict if another unit is on
         the line.
         """
@@ -186,7 +186,7 @@ class TransferManager:
                 self._exchange.lose(transfer, "the line was lost", 0.0)
 
     def identified(self, unit: str) -> None:
-        """Set the transfers of other units to failed after the unit with this serial number has identified itself. Transfers
+        """Set the transfers of other units to failed after the unit with this name has identified itself. Transfers
         without a unit now belong to it."""
         if self._unit not in ("", unit):
             self._exchange.out.clear()

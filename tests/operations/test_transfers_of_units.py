@@ -35,11 +35,15 @@ def connect(folder: Path, sensor: Any) -> Services:
     return services
 
 
+@pytest.mark.parametrize("serial", ["FM-1", ""])
 def test_a_transfer_of_another_unit_does_not_continue_after_a_restart(
-    tmp_path: Path, sensor_in_memory: Callable[..., Any]
+    tmp_path: Path, sensor_in_memory: Callable[..., Any], serial: str
 ) -> None:
-    """If another unit answers, the paused transfer fails and cannot be resumed on it. It can be resumed on its own unit."""
-    services = connect(tmp_path, sensor_in_memory(serial="FM-1"))
+    """If another unit answers, the paused transfer fails and cannot be resumed on it. It can be resumed on its own unit, also if
+    that has no serial number."""
+    services = connect(tmp_path, sensor_in_memory(serial=serial))
+    hello = services.line.link.hello
+    assert hello is not None
     transfer_id = services.transfers.transfers.download("catalogue", 3, "golden bank").row.id
     services.transfers.transfers.pause(transfer_id)
     services.stop()
@@ -47,13 +51,13 @@ def test_a_transfer_of_another_unit_does_not_continue_after_a_restart(
     services = connect(tmp_path, sensor_in_memory(serial="FM-2"))
     transfers = services.transfers.transfers
     wait(lambda: transfers.get(transfer_id).row.state == "failed")
-    assert transfers.get(transfer_id).row.reason == "unit FM-2 answered, not FM-1"
+    assert transfers.get(transfer_id).row.reason == f"unit FM-2 answered, not {hello.unit_name}"
     with pytest.raises(Conflict, match="another unit"):
         transfers.resume(transfer_id)
     assert transfers.get(transfer_id).row.state == "failed"
     services.stop()
 
-    services = connect(tmp_path, sensor_in_memory(serial="FM-1"))
+    services = connect(tmp_path, sensor_in_memory(serial=serial))
     services.transfers.transfers.resume(transfer_id)
     wait(lambda: services.transfers.transfers.get(transfer_id).row.state == "verified")
     services.stop()

@@ -260,7 +260,7 @@ class TransferService:
             state="queued",
             created=self._now(),
             stored=[],
-            options=options | {"unit": hello.serial if hello is not None else ""},
+            options=options | {"unit": hello.unit_name if hello is not None else ""},
             log=[],
             **links,
         )
