@@ -33,7 +33,9 @@ from gss.domain.errors import BadInput, StoreDown
 from gss.pipeline.small import Rows
 
 if TYPE_CHECKING:
+    from gss.domain.results import Centroids
     from gss.pipeline.identify.focal_census import CensusField
+    from gss.pipeline.identify.verify import MeasuredArrays
 
 AVAILABLE = find_spec("numba") is not None
 PLAIN, COMPILED = "numpy", "numba"
@@ -45,18 +47,19 @@ USERS_FOLDER = "~/.cache/gss"
 
 @dataclass(frozen=True)
 class ListLoops:
-    """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array.
-    ``directions``: see ``verify._directions``. ``find``: see
-    ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``.
-    ``count_coinciding``, ``count_matches``: see the functions of ``focal_census``. ``extended``: see ``baselines.extended``.
-    ``predictional_fit``: see ``predictional.predictional_fit``. ``supporters``: see ``neighbour_pattern.supporters``."""
+    """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array. ``measured``: see
+    ``verify._measured``. ``find``: see ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see
+    ``faint.match_all``. ``mirror_miss_rad``: see ``soundness._mirror_miss_rad``. ``count_coinciding``, ``count_matches``: see
+    the functions of ``focal_census``. ``extended``: see ``baselines.extended``. ``predictional_fit``: see
+    ``predictional.predictional_fit``. ``supporters``: see ``neighbour_pattern.supporters``."""
 
     camera_numbers: Callable[[Camera], Array]
-    directions: Callable[[Camera, Array, Array, Array], tuple[Array, Array, Array]]
+    measured: Callable[[Camera, Centroids], MeasuredArrays]
     find: Callable[..., tuple[int, int, float, int, bool]]
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
-    count_coinciding: Callable[[Array, Array, Array, Camera, float], int]
+    mirror_miss_rad: Callable[[Array, Array], float]
+    count_coinciding: Callable[[Array, Rows, Array, Rows, Array, Camera, float], int]
     count_matches: Callable[[CensusField, Rows, Array, tuple[float, ...]], NDArray[np.int64]]
     extended: Callable[[Rows, tuple[Any, ...]], Rows]
     predictional_fit: Callable[..., tuple[Array, Rows, Rows, int] | None]
@@ -183,7 +186,7 @@ def _compiled() -> Kernels:
     from gss.pipeline.loops.census import count_coinciding, count_matches
     from gss.pipeline.loops.figures import extended
     from gss.pipeline.loops.finish import finish
-    from gss.pipeline.loops.geometry import camera_numbers, directions
+    from gss.pipeline.loops.geometry import camera_numbers, measured, mirror_miss_rad
     from gss.pipeline.loops.prior import find_near
     from gss.pipeline.loops.search import find
     from gss.pipeline.loops.supporters import supporters
@@ -206,10 +209,11 @@ def _compiled() -> Kernels:
     )
     lists = ListLoops(
         camera_numbers,
-        directions,
+        measured,
         find,
         find_near,
         finish,
+        mirror_miss_rad,
         count_coinciding,
         count_matches,
         extended,

@@ -298,8 +298,9 @@ def test_unreliable_identifications_are_rejected() -> None:
     unit = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
     attitude = matrix_from_quaternion(random_quaternion(np.random.default_rng(9)))
     assert separate_stars(unit, 5 * pixel) == 3
-    assert is_handed(unit, unit @ attitude, pixel)
-    assert not is_handed(unit[[0, 1, 3]], unit[[0, 1, 3]] @ attitude, pixel)
+    for fast in (False, True):
+        assert is_handed(unit, unit @ attitude, pixel, fast=fast)
+        assert not is_handed(unit[[0, 1, 3]], unit[[0, 1, 3]] @ attitude, pixel, fast=fast)
     small, large = np.full(6, 0.1 * pixel), np.full(6, 0.9 * pixel)
     sigma = np.full(6, 0.1 * pixel)
     assert errors_objection(small, sigma, pixel, pixel) == ""

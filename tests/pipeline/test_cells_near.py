@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.pipeline.loops.geometry import room_near, stars_near
+from gss.pipeline.loops.cells import room_near, stars_near
 from gss.skytables.cells import lattice, sky_cells
 
 POLES = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]

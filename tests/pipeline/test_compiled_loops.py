@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import lengths
+from gss.domain.camera import Brown, Camera
+from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
 from gss.instruments.registry import shipped_camera
 from gss.pipeline import kernels
 from gss.pipeline.chains import cubestar
 from gss.pipeline.detect import Detections, find_stars
+from gss.pipeline.identify import verify
 from gss.pipeline.identify.neighbour_pattern import (
     PatternSpots,
     pair_attitudes,
@@ -23,6 +26,7 @@ from gss.pipeline.identify.neighbour_pattern import (
     supporters,
 )
 from gss.pipeline.loops.pixels import _lit
+from gss.pipeline.loops.small import ascending, middle_of
 from gss.pipeline.peaks import _binomial_sum
 from gss.pipeline.regions import find_blobs
 from gss.pipeline.render import render
@@ -188,3 +192,41 @@ def test_both_loops_count_the_same_supporters() -> None:
         assert plain.tolist() == compiled.tolist()
         most = max(most, int(plain.max()))
     assert most > 10
+
+
+def test_the_compiled_order_and_median_agree_with_numpy() -> None:
+    """Values that are even, crowded at one end, equal, few or none are put in numpy's order. Values that are not numbers keep the
+    order complete.
+    """
+    rng = np.random.default_rng(5)
+    for values in (
+        rng.uniform(-4, 1027, 900),
+        rng.exponential(1, 900) ** 3,
+        np.full(7, 2.5),
+        np.array([3.0]),
+        np.empty(0),
+    ):
+        assert values[ascending(values)].tolist() == np.sort(values).tolist()
+        assert np.array_equal(
+            middle_of(values, len(values)), np.median(values) if len(values) else np.nan, equal_nan=True
+        )
+    values = np.where(rng.random(50) < 0.3, np.nan, rng.random(50))
+    assert np.sort(ascending(values)).tolist() == list(range(50))
+
+
+def test_both_loops_measure_the_same_directions() -> None:
+    """Positions outside the domain of the lens model are left out, in any memory layout and with fluxes that are not
+    positive numbers.
+    """
+    camera = Camera(640, 480, 500.0, 510.0, 320.0, 240.0, Brown(k1=-0.5, k2=0.1))
+    rng = np.random.default_rng(8)
+    place_px = rng.uniform(-900, 1500, (200, 2))
+    flux_dn = rng.normal(50, 60, 200)
+    flux_dn[::17] = np.nan
+    centroids = Centroids.from_pixels(place_px, flux_dn, sigma_px=0.01)
+    plain, compiled = (verify.field_of(centroids, camera, fast=fast) for fast in (False, True))
+    assert 20 < len(plain) < 180
+    assert plain.centroid.tolist() == compiled.centroid.tolist()
+    assert plain.pixels.tolist() == compiled.pixels.tolist()
+    for one, other in zip(plain.arrays, compiled.arrays, strict=True):
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-12)

@@ -100,7 +100,7 @@ def test_matches_within_the_radius_are_counted(fast: bool, lens: Pinhole | Brown
     off_px = np.linspace(0.11, 2.5, 40)
     pixels[rows] = predicted + off_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     for radius_px in (0.05, 1.0, 1.7, 3.0):
-        count = count_coinciding(pixels[rows], stars[rows], attitude, camera, radius_px, fast)
+        count = count_coinciding(pixels, rows, stars, rows, attitude, camera, radius_px, fast)
         assert count == np.count_nonzero(off_px <= radius_px)
 
 

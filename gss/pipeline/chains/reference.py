@@ -20,10 +20,10 @@ from gss.domain.errors import BadInput
 from gss.domain.failure_cause import CUT_TRAILS, MIRRORED
 from gss.domain.results import Centroids, SolveResult, Turning
 from gss.domain.sensor import Sensor
-from gss.pipeline.chains.reference_result import solved, unsolved
+from gss.pipeline.chains.reference_frame import MeasuredFrame, turning_of
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.blind_proof import with_aberration
-from gss.pipeline.identify.faint import AllMatches, Spots, match_all
+from gss.pipeline.identify.faint import FIT_FLOOR_PX, AllMatches, Spots, match_all
 from gss.pipeline.identify.focal_census import count_coinciding, focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.other_lens import identify_other_lens, lens_difference
@@ -32,13 +32,11 @@ from gss.pipeline.identify.soundness import is_few, is_handed
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
 from gss.pipeline.kernels import ListLoops, are_compiled, kernels
 from gss.pipeline.refine import Refined, refine
-from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
 from gss.skytables.pairs import DistanceTable, distance_table_of_units
 
 NAME = "reference"
 MANY_MORE = 1.5
-FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
 MOST_IN_LINE = 6
 """Number of identified stars up to which they are tested for lying in a line."""
@@ -134,29 +132,6 @@ def solve_centroids(
     return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, None, velocity_c, fast)
 
 
-def turning_of(
-    pixels: NDArray[Any],
-    detections: Detections,
-    camera: Camera,
-    exposure_s: float,
-    sensor: Sensor | None,
-    fast: bool | None,
-) -> Turning | None:
-    """Return the rate measured from the trails of a frame, or None."""
-    return measure_turning(
-        pixels,
-        detections.centroids,
-        detections.background,
-        camera,
-        exposure_s,
-        detections.psf_covariance_px2,
-        psf_sigma_px=sensor.psf_sigma_px if sensor else None,
-        e_per_dn=sensor.gain_e_per_dn if sensor else 0.0,
-        saturation_dn=float(sensor.saturation_dn) if sensor else float(pixels.max()),
-        fast=fast,
-    )
-
-
 def _apparent(sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, velocity_c: Array | None) -> SkyCatalogue:
     """Return the sky with aberration applied to the stars near the field."""
     if velocity_c is None:
@@ -179,9 +154,10 @@ def _identify_known(
     velocity_c: Array | None,
     fast: bool | None,
 ) -> SolveResult:
+    notes = detections.notes if detections else ()
+    frame = MeasuredFrame(NAME, camera, centroids, detections, notes, turning, trace)
     if detections is not None and detections.cut_trails:
-        base = unsolved(NAME, camera, centroids, detections, detections.notes, turning)
-        return replace(base, reason=CUT_TRAILS, timing_s=dict(trace.timing_s))
+        return frame.unsolved(CUT_TRAILS)
     view = field_of(centroids, camera, fast=fast)
     with trace.stage("identify"):
         result, note = _identify_field(view, camera, stars, hint, fast)
@@ -189,61 +165,62 @@ def _identify_known(
             stars = deeper()
             again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT, fast=fast)
             result = result if again.evidence is None else again
-    base = unsolved(NAME, camera, centroids, detections, (*(detections.notes if detections else ()), *note), turning)
+    if note:
+        frame = replace(frame, notes=(*notes, *note))
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
             if _identified_mirrored(centroids, camera, stars, fast):
-                return replace(base, reason=MIRRORED, timing_s=dict(trace.timing_s))
-        return _with_other_lens(base, result.reason, stars, velocity_c, trace, fast)
+                return frame.unsolved(MIRRORED)
+        return _with_other_lens(frame, result.reason, stars, velocity_c, fast)
     with trace.stage("focal length"):
         another = _another_focal_length(view, camera, stars.sky, evidence, fast)
     if another:
-        return _with_other_lens(base, another, stars, velocity_c, trace, fast)
+        return _with_other_lens(frame, another, stars, velocity_c, fast)
     with trace.stage("attitude"):
         matches = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
     identified = int(np.count_nonzero(matches.fit.weight))
     probability = evidence.false_match_probability
     if is_few(identified, seen_both, probability):
-        reason = f"the best solution identifies only {identified} of {seen_both} stars"
-        return replace(base, reason=reason, timing_s=dict(trace.timing_s))
-    in_line = identified <= MOST_IN_LINE and _is_mirror_image_of_itself(view, camera, stars, matches)
+        return frame.unsolved(f"the best solution identifies only {identified} of {seen_both} stars")
+    in_line = identified <= MOST_IN_LINE and _is_mirror_image_of_itself(view, camera, stars, matches, fast)
     if in_line or probability > DOUBTFUL:
         with trace.stage("why not"):
             is_mirrored = _identified_mirrored(centroids, camera, stars, fast) > identified
         if is_mirrored or in_line:
-            reason = MIRRORED if is_mirrored else f"{identified} stars in a pattern that is its own mirror image"
-            return replace(base, reason=reason, timing_s=dict(trace.timing_s))
+            return frame.unsolved(
+                MIRRORED if is_mirrored else f"{identified} stars in a pattern that is its own mirror image"
+            )
     hip = stars.deep.hip[matches.stars]
-    return solved(base, matches.fit, view.centroid[matches.rows], hip, probability, trace, velocity_c)
+    return frame.solved(matches.fit, view.centroid[matches.rows], hip, probability, velocity_c)
 
 
 def _with_other_lens(
-    base: SolveResult, reason: str, stars: KnownSky, velocity_c: Array | None, trace: Trace, fast: bool | None
+    frame: MeasuredFrame, reason: str, stars: KnownSky, velocity_c: Array | None, fast: bool | None
 ) -> SolveResult:
     """Solve with a lens near its calibration. The notes state the difference. Without a solution, state ``reason``."""
-    with trace.stage("other lens"):
-        solution = identify_other_lens(base.centroids, base.camera, stars.sky, stars.pairs, fast=fast)
+    with frame.trace.stage("other lens"):
+        solution = identify_other_lens(frame.centroids, frame.camera, stars.sky, stars.pairs, fast=fast)
     if solution is None or is_few(
-        len(solution.rows), min(len(base.centroids), solution.predicted), solution.false_match_probability
+        len(solution.rows), min(len(frame.centroids), solution.predicted), solution.false_match_probability
     ):
-        return replace(base, reason=reason, timing_s=dict(trace.timing_s))
-    fit = with_aberration(solution, base.centroids.pixels, stars.sky, velocity_c, base.camera)
-    base = replace(base, notes=(*base.notes, lens_difference(fit, base.camera)))
+        return frame.unsolved(reason)
+    fit = with_aberration(solution, frame.centroids.pixels, stars.sky, velocity_c, frame.camera)
+    frame = replace(frame, notes=(*frame.notes, lens_difference(fit, frame.camera)))
     rows, hip, probability = solution.rows, stars.sky.hip[solution.stars], solution.false_match_probability
-    return solved(base, fit, rows, hip, probability, trace, velocity_c)
+    return frame.solved(fit, rows, hip, probability, velocity_c)
 
 
 def _another_focal_length(
     view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence, fast: bool | None
 ) -> str:
     radius_px = _coincidence_px(view)
-    icrs = sky.icrs[evidence.stars]
-    coinciding = count_coinciding(view.pixels[evidence.rows], icrs, evidence.cam_from_icrs, camera, radius_px, fast)
+    rows, stars = evidence.rows, evidence.stars
+    coinciding = count_coinciding(view.pixels, rows, sky.icrs, stars, evidence.cam_from_icrs, camera, radius_px, fast)
     if plenty(coinciding, evidence.predicted, len(view)):
         return ""
-    return focal_objection(view.pixels, evidence.rows, icrs, sky.icrs, camera, radius_px, fast)
+    return focal_objection(view.pixels, rows, sky.icrs[stars], sky.icrs, camera, radius_px, fast)
 
 
 def _name_all(
@@ -296,14 +273,15 @@ def _name_all_compiled(
     rows, star_rows, residual_px, weight, covariance, rms_px = loops.finish(
         loops.camera_numbers(camera),
         view.pixels,
-        np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX),
+        np.ascontiguousarray(centroids.sigma_px, float),
+        view.centroid,
         view.magnitude,
         float(detections.psf_sigma_px if detections else 1.0),
         stars.deep.arrays,
         np.zeros(3) if velocity_c is None else np.asarray(velocity_c, float),
-        evidence.rows.astype(np.int64),
-        stars.deep_row[evidence.stars].astype(np.int64),
-        len(evidence.rows),
+        evidence.rows,
+        evidence.stars,
+        stars.deep_row,
         turn,
     )
     return AllMatches(rows, star_rows, Refined(camera, turn, residual_px, weight, rms_px, covariance=covariance))
@@ -319,11 +297,14 @@ def _coincidence_px(view: FrameDetections) -> float:
     return max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
 
 
-def _is_mirror_image_of_itself(view: FrameDetections, camera: Camera, stars: KnownSky, matches: AllMatches) -> bool:
+def _is_mirror_image_of_itself(
+    view: FrameDetections, camera: Camera, stars: KnownSky, matches: AllMatches, fast: bool | None
+) -> bool:
     """True if the matched stars are so close to a line that they match a mirrored frame as well."""
     used = matches.fit.weight > 0
     radius_rad = _coincidence_px(view) * camera.pixel_rad
-    return not is_handed(view.unit[matches.rows[used]], stars.deep.icrs[matches.stars[used]], radius_rad)
+    measured, icrs = view.unit[matches.rows[used]], stars.deep.icrs[matches.stars[used]]
+    return not is_handed(measured, icrs, radius_rad, fast=fast)
 
 
 def _identified_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, fast: bool | None) -> int:

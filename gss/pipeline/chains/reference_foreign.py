@@ -13,8 +13,8 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.failure_cause import CUT_TRAILS, MIRRORED
 from gss.domain.results import Centroids, SolveResult
-from gss.pipeline.chains.reference import NAME, turning_of
-from gss.pipeline.chains.reference_result import solved, unsolved
+from gss.pipeline.chains.reference import NAME
+from gss.pipeline.chains.reference_frame import MeasuredFrame, turning_of
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindResult, identify_blind
 from gss.pipeline.identify.blind_proof import with_aberration
@@ -43,21 +43,16 @@ def solve_foreign(
     with trace.stage("detect"):
         detections = find_stars(pixels, fast=fast)
     centroids = detections.centroids
-    if detections.cut_trails:
-        guess = Camera.from_fov(pixels.shape[1], pixels.shape[0], float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
-        base = unsolved(NAME, guess, centroids, detections, detections.notes)
-        return replace(base, reason=CUT_TRAILS, timing_s=dict(trace.timing_s))
     shape = (int(pixels.shape[1]), int(pixels.shape[0]))
+    guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
+    frame = MeasuredFrame(NAME, guess, centroids, detections, detections.notes, None, trace)
+    if detections.cut_trails:
+        return frame.unsolved(CUT_TRAILS)
     with trace.stage("identify"):
         result = _blind(centroids, detections.psf_sigma_px, shape, fov_range_rad, sky, level)
-    notes = detections.notes
     if detections.streak_px:
-        notes = (
-            *notes,
-            f"stars are trailed by about {detections.streak_px:.0f} px; positions are the middles of the trails",
-        )
-    guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
-    base = unsolved(NAME, guess, centroids, detections, notes)
+        trailed = f"stars are trailed by about {detections.streak_px:.0f} px; positions are the middles of the trails"
+        frame = replace(frame, notes=(*frame.notes, trailed))
     solution = result.solved
     if solution is None:
         with trace.stage("why not"):
@@ -69,14 +64,13 @@ def solve_foreign(
                 else None
             )
         is_mirrored = reverse is not None and reverse.placed and not result.placed
-        return replace(base, reason=MIRRORED if is_mirrored else result.reason, timing_s=dict(trace.timing_s))
+        return frame.unsolved(MIRRORED if is_mirrored else result.reason)
     fit = with_aberration(solution, centroids.pixels, sky, velocity_c)
-    turning = None
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
-            turning = turning_of(pixels, detections, fit.camera, exposure_s, None, fast)
+            frame = replace(frame, turning=turning_of(pixels, detections, fit.camera, exposure_s, None, fast))
     rows, hip, probability = solution.rows, sky.hip[solution.stars], solution.false_match_probability
-    return replace(solved(base, fit, rows, hip, probability, trace, velocity_c), turning=turning)
+    return frame.solved(fit, rows, hip, probability, velocity_c)
 
 
 def _blind(

@@ -29,6 +29,7 @@ MIN_FOR_EXCESS = 8
 MEDIAN_SQUARE = 1.386  # median of the squared length of a two-dimensional normal deviate
 ERROR_MARGIN = 1.3
 FLOOR_PX = 0.05  # errors of lens calibration and proper motion that are not in the error budget
+FIT_FLOOR_PX = 0.01  # least error of a position in the fit
 MAX_GATE_PX = 4.0
 MAX_EXCESS_PX = 1.0  # if the excess scatter is larger, the matches are accidental matches in wide gates
 BRIGHTNESS_SIGMA = 3.5
@@ -71,14 +72,15 @@ class AllMatches:
 
 @dataclass(frozen=True)
 class _Expected:
-    """m stars that can be detected, with their expected appearance. ``stars``: rows in the catalogue. ``v_mag``: V
-    magnitude including companions. ``shift_px``: (m, 2) displacement by companions. ``share``: fraction of the light
-    that comes from the star. ``reach_px``: maximum distance of a detection; a more distant detection could be a blend
-    with a comparable companion."""
+    """m stars that can be detected, with their expected appearance. ``stars``: rows in the catalogue. ``catalogue_mag``: V
+    magnitude. ``v_mag``: V magnitude including companions. ``shift_px``: (m, 2) displacement by companions. ``share``:
+    fraction of the light that comes from the star. ``reach_px``: maximum distance of a detection; a more distant
+    detection could be a blend with a comparable companion."""
 
     stars: Rows
     pixels: Array
     sigma_px: Array
+    catalogue_mag: Array
     v_mag: Array
     shift_px: Array
     share: Array
@@ -156,6 +158,7 @@ def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _E
         stars,
         pixels,
         prediction_sigma_px(fit, sky.icrs[stars]),
+        sky.v_mag[stars],
         v_mag,
         shift / light[:, None],
         star_light / light,
@@ -204,7 +207,7 @@ def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, s
     """Return the (pairs,) probabilities that a detection is not a catalogue star but fits the star by chance: the
     estimated share of such detections × the expected number of stars of this brightness in the gate; 1 in crowded
     fields."""
-    ranked = np.sort(expected.v_mag)
+    ranked = np.sort(expected.catalogue_mag)
     v = expected.v_mag[e]
     among = np.searchsorted(ranked, v + window, side="right") - np.searchsorted(ranked, v - window)
     expected_stars = np.minimum(among * np.pi * gate**2 / (fit.camera.columns * fit.camera.rows), 1.0)

@@ -103,17 +103,29 @@ def _without_furthest(pixels: Array) -> Rows:
 
 
 def count_coinciding(
-    pixels: Array, icrs: Array, cam_from_icrs: Array, camera: Camera, radius_px: float, fast: bool | None = None
+    pixels: Array,
+    rows: Rows,
+    icrs: Array,
+    stars: Rows,
+    cam_from_icrs: Array,
+    camera: Camera,
+    radius_px: float,
+    fast: bool | None = None,
 ) -> int:
-    """Return how many of the (n, 2) pixels of identified centroids are at most ``radius_px`` from the predictions of their
-    (n, 3) stars. ``cam_from_icrs``: (3, 3). ``fast``: see ``kernels.kernels``, also for the errors that it raises."""
+    """Return how many identified centroids are at most ``radius_px`` from the predictions of their stars.
+
+    ``pixels``: (n, 2) of all centroids; ``rows``: (k,) identified centroids; ``icrs``: (m, 3) all stars; ``stars``: (k,)
+    identified stars; ``cam_from_icrs``: (3, 3). ``fast``: see ``kernels.kernels``, also for the errors that it raises.
+    """
     loops = kernels(fast).lists
     count = _count_coinciding if loops is None else loops.count_coinciding
-    return count(pixels, icrs, cam_from_icrs, camera, radius_px)
+    return count(pixels, rows, icrs, stars, cam_from_icrs, camera, radius_px)
 
 
-def _count_coinciding(pixels: Array, icrs: Array, cam_from_icrs: Array, camera: Camera, radius_px: float) -> int:
-    off = camera.project(icrs @ cam_from_icrs.T) - pixels
+def _count_coinciding(
+    pixels: Array, rows: Rows, icrs: Array, stars: Rows, cam_from_icrs: Array, camera: Camera, radius_px: float
+) -> int:
+    off = camera.project(icrs[stars] @ cam_from_icrs.T) - pixels[rows]
     return int(np.count_nonzero((off * off).sum(1) <= radius_px**2))
 
 

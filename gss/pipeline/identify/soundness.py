@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from gss.domain.angles import Array, lengths
-from gss.pipeline.small import determinant
+from gss.pipeline.kernels import kernels
+from gss.pipeline.small import best_rotation
 
 # Residuals that are distributed evenly over a disc of radius T have an rms of T/2 per axis. Residuals of real stars are
 # far smaller.
@@ -41,13 +42,18 @@ def separate_stars(unit: Array, radius_rad: float) -> int:
     return len(counted)
 
 
-def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float) -> bool:
-    """True if the mirror image of the (n ≥ 2, 3) finite measured directions does not fit the stars within the tolerance."""
-    u, _, vt = np.linalg.svd(measured_cam.T @ reference_icrs)
-    if determinant(u) * determinant(vt) > 0:
-        u[:, 2] *= -1
-    miss_rad = lengths(reference_icrs @ (u @ vt).T - measured_cam)
-    return bool(np.max(miss_rad) > tolerance_rad)
+def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float, *, fast: bool | None = None) -> bool:
+    """True if the mirror image of the (n ≥ 2, 3) finite measured directions does not fit the stars within the tolerance.
+    ``fast``: see :func:`gss.pipeline.kernels.kernels`."""
+    loops = kernels(fast).lists
+    miss_rad = _mirror_miss_rad if loops is None else loops.mirror_miss_rad
+    return miss_rad(measured_cam, reference_icrs) > tolerance_rad
+
+
+def _mirror_miss_rad(measured_cam: Array, reference_icrs: Array) -> float:
+    """Return the largest distance of a star from its measured direction after the reflection and rotation that fit best."""
+    opposite = best_rotation(-measured_cam, reference_icrs, np.ones(len(measured_cam)))
+    return float(lengths(reference_icrs @ opposite.T + measured_cam).max())
 
 
 def errors_objection(miss_rad: Array, sigma_rad: Array, tolerance_rad: float, pixel_rad: float) -> str:

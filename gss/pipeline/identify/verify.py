@@ -29,6 +29,7 @@ detection or a companion beside a star rotates the attitude, so that only the st
 LEAST_FLUX_DN, LARGEST_FLUX_DN = 1e-12, 1e300
 _EYE = np.eye(3)
 SkyArrays = tuple[Array, Array, CellArrays]
+MeasuredArrays = tuple[NDArray[np.intp], Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -84,19 +85,13 @@ def field_of(centroids: Centroids, camera: Camera, *, fast: bool | None = None) 
     """Convert centroids to a field with the geometry of a known camera. Positions outside the distortion's domain are
     dropped. ``fast``: see :func:`gss.pipeline.kernels.kernels`."""
     loops = kernels(fast).lists
-    find = _directions if loops is None else loops.directions
+    measured = _measured if loops is None else loops.measured
+    return FrameDetections(*measured(camera, centroids))
+
+
+def _measured(camera: Camera, centroids: Centroids) -> MeasuredArrays:
+    """Return the arrays of ``FrameDetections``."""
     pixels, sigma_px = centroids.pixels, np.maximum(centroids.sigma_px, MIN_SIGMA_PX)
-    unit, sigma_rad, magnitude = find(camera, pixels, sigma_px, np.asarray(centroids.flux_dn, float))
-    ok = np.isfinite(sigma_rad)
-    rows = np.flatnonzero(ok)
-    if len(rows) == len(ok):
-        return FrameDetections(rows, pixels, unit, sigma_px, sigma_rad, magnitude)
-    return FrameDetections(rows, pixels[ok], unit[ok], sigma_px[ok], sigma_rad[ok], magnitude[ok])
-
-
-def _directions(camera: Camera, pixels: Array, sigma_px: Array, flux_dn: Array) -> tuple[Array, Array, Array]:
-    """Return (n, 3) unit vectors of (n, 2) pixels, their errors (n,) in rad (not finite outside the distortion's domain),
-    and magnitudes (n,)."""
     n = len(pixels)
     steps = np.concatenate([pixels, pixels, pixels])
     steps[n : 2 * n, 0] += 0.5
@@ -105,8 +100,11 @@ def _directions(camera: Camera, pixels: Array, sigma_px: Array, flux_dn: Array) 
     centre, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
     right, below = right - centre, below - centre
     px_rad = 2 * np.sqrt(np.maximum((right * right).sum(1), (below * below).sum(1)))
+    sigma_rad = px_rad * sigma_px
+    flux_dn = np.asarray(centroids.flux_dn, float)
     magnitude = -2.5 * np.log10(np.fmin(np.fmax(flux_dn, LEAST_FLUX_DN), LARGEST_FLUX_DN))
-    return centre, px_rad * sigma_px, magnitude
+    rows = np.flatnonzero(np.isfinite(sigma_rad))  # not finite outside the distortion's domain
+    return rows, pixels[rows], centre[rows], sigma_px[rows], sigma_rad[rows], magnitude[rows]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.pipeline.background import CLIP_ROUNDS, CLIP_SIGMA, FLAT_PER_SIGMA, LEAST_NOISE, LEAST_SHARE
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.geometry import middle_of
+from gss.pipeline.loops.small import middle_of
 from gss.pipeline.small import Rows
 
 # Compare-exchange steps of a sorting network that moves the median of nine values to index 4 (Smith 1996, 19 steps).

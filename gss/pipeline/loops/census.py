@@ -30,20 +30,24 @@ from gss.pipeline.loops.pairing import by_column, pair_up
 from gss.pipeline.small import Rows
 
 
-def count_coinciding(pixels: Array, icrs: Array, cam_from_icrs: Array, camera: Camera, radius_px: float) -> int:
-    """Return how many of the (n, 2) pixels are within the radius of the predictions of their (n, 3) stars; equivalent to
+def count_coinciding(
+    pixels: Array, rows: Rows, icrs: Array, stars: Rows, cam_from_icrs: Array, camera: Camera, radius_px: float
+) -> int:
+    """Return how many identified centroids are within the radius of the predictions of their stars; equivalent to
     ``focal_census._count_coinciding``."""
     pixels, icrs, turn = (np.ascontiguousarray(array, float) for array in (pixels, icrs, cam_from_icrs))
-    return int(_coinciding(camera_numbers(camera), pixels, icrs, turn, float(radius_px)))
+    rows, stars = np.ascontiguousarray(rows, np.int64), np.ascontiguousarray(stars, np.int64)
+    return int(_coinciding(camera_numbers(camera), pixels, rows, icrs, stars, turn, float(radius_px)))
 
 
 @loop
-def _coinciding(camera, pixels, icrs, turn, radius_px):
+def _coinciding(camera, pixels, rows, icrs, stars, turn, radius_px):
     count = 0
-    for k in range(len(pixels)):
-        x, y, z = turned(turn, icrs[k, 0], icrs[k, 1], icrs[k, 2])
+    for k in range(len(rows)):
+        r, s = rows[k], stars[k]
+        x, y, z = turned(turn, icrs[s, 0], icrs[s, 1], icrs[s, 2])
         col, row = project(camera, x, y, z)
-        count += (col - pixels[k, 0]) ** 2 + (row - pixels[k, 1]) ** 2 <= radius_px * radius_px
+        count += (col - pixels[r, 0]) ** 2 + (row - pixels[r, 1]) ** 2 <= radius_px * radius_px
     return count
 
 

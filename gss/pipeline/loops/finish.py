@@ -11,6 +11,7 @@ import numpy as np
 
 from gss.pipeline.identify.faint import (
     BRIGHTNESS_SIGMA,
+    FIT_FLOOR_PX,
     FLOOR_PX,
     MAX_EXCESS_PX,
     MIN_MATCHES,
@@ -18,16 +19,15 @@ from gss.pipeline.identify.faint import (
 )
 from gss.pipeline.loops import loop
 from gss.pipeline.loops.fit import fit_attitude
-from gss.pipeline.loops.geometry import middle_of
 from gss.pipeline.loops.naming import (
     aberrated,
     assign,
-    companions,
     excess_px,
     expected_stars,
     flux_line,
     line_mag,
 )
+from gss.pipeline.loops.small import middle_of
 
 
 @loop
@@ -53,29 +53,32 @@ def _line(magnitude, magnitude_sigma, v_mag, rows, stars, count):
 
 
 @loop
-def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, stars, count, turn):
-    """Fit the attitude to the ``count`` verified matches ``rows`` and ``stars``, then to all detections that can be
+def finish(camera, spots, error_px, centroid, magnitude, psf_px, sky, velocity, rows, bright_stars, deep_row, turn):
+    """Fit the attitude to the verified matches ``rows`` and ``bright_stars``, then to all detections that can be
     identified. If the second fit fails, return the first. Equivalent to ``faint.match_all``.
 
-    ``turn``: initial attitude, replaced by the fitted attitude. Returns rows, stars, residuals, weights, covariance and
-    rms.
+    ``error_px``: position errors of all centroids; ``centroid``: the centroid of each of the ``spots``; ``deep_row``: row in
+    ``sky`` of each star of the identification; ``turn``: initial attitude, replaced by the fitted attitude. Returns rows,
+    stars, residuals, weights, covariance and rms.
     """
     icrs, v_mag, cells = sky
-    n = len(spots)
-    magnitude_sigma = np.empty(n)
+    n, count = len(spots), len(rows)
+    sigma_px, magnitude_sigma = np.empty(n), np.empty(n)
     for k in range(n):
+        sigma_px[k] = max(error_px[centroid[k]], FIT_FLOOR_PX)
         magnitude_sigma[k] = 1.0857 * min(sigma_px[k] / psf_px, 0.5)
-    verified = np.full(n, -1, np.int64)
+    stars, verified = np.empty(count, np.int64), np.full(n, -1, np.int64)
     for k in range(count):
+        stars[k] = deep_row[bright_stars[k]]
         verified[rows[k]] = stars[k]
     no_extra = np.zeros(count)
     residual, weight, covariance, rms = _fitted(
         camera, spots, sigma_px, no_extra, icrs, velocity, rows, stars, count, turn
     )
-    first = (rows[:count].copy(), stars[:count].copy(), residual, weight, covariance, rms)
+    first = (rows.copy(), stars, residual, weight, covariance, rms)
     first_turn = turn.copy()
     named_rows, named_stars = first[0], first[1]
-    name = np.empty(n, np.int64)
+    name, moved2 = np.empty(n, np.int64), np.empty(n)
     for _ in range(ROUNDS):
         line = _line(magnitude, magnitude_sigma, v_mag, named_rows, named_stars, len(named_rows))
         faintest = -math.inf
@@ -83,21 +86,22 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
             v, sigma_v = line_mag(line, magnitude[k])
             faintest = max(faintest, v + BRIGHTNESS_SIGMA * sigma_v)
         star, places = expected_stars(camera, icrs, v_mag, cells, velocity, turn, faintest + 1.0)
-        bright, shift, share, reach = companions(star, v_mag, places, psf_px)
         excess = excess_px(residual, weight, sigma_px, named_rows, len(named_rows))
-        expected = (star, places, bright, shift, share, reach)
         assign(
             spots,
             sigma_px,
             magnitude,
             magnitude_sigma,
-            expected,
+            psf_px,
+            star,
+            places,
             line,
             max(excess, FLOOR_PX),
             verified,
-            icrs,
+            sky,
             (camera, velocity, turn, covariance),
             name,
+            moved2,
         )
         matched = 0
         for k in range(n):
@@ -111,9 +115,8 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
             e = name[k]
             if e >= 0:
                 new_rows[m], new_stars[m] = k, star[e]
-                shift2 = shift[e, 0] ** 2 + shift[e, 1] ** 2
-                moved |= shift2 > 0
-                extra2[m] = shift2 + excess * excess
+                moved |= moved2[k] > 0
+                extra2[m] = moved2[k] + excess * excess
                 settled = settled and named_rows[m] == k and named_stars[m] == star[e]
                 m += 1
         if settled and excess == 0.0 and not moved:

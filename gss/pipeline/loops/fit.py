@@ -19,9 +19,9 @@ from gss.pipeline.loops.geometry import (
     PINHOLE,
     distort,
     inverse,
-    middle_of,
     project,
 )
+from gss.pipeline.loops.small import middle_of
 from gss.pipeline.refine import (
     ATTITUDE_DONE,
     BELIEF,

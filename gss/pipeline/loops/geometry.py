@@ -1,4 +1,4 @@
-"""Compiled geometry: lens models, directions near the boresight, the best rotation and small matrices."""
+"""Compiled geometry: lens models, the best rotation and small matrices."""
 
 # The loops have no type annotations: numba compiles them for the argument types.
 # mypy: allow-untyped-defs
@@ -22,15 +22,14 @@ from gss.domain.camera import (
     Pinhole,
     RadialTilt,
 )
-from gss.pipeline.identify.verify import LARGEST_FLUX_DN, LEAST_FLUX_DN, reach_cosine
+from gss.domain.results import Centroids
+from gss.pipeline.identify.verify import LARGEST_FLUX_DN, LEAST_FLUX_DN, MIN_SIGMA_PX, MeasuredArrays, reach_cosine
 from gss.pipeline.loops import loop
 
 PINHOLE, BROWN, BROWN_UNDISTORT, RADIAL_TILT = range(4)
 # Indices of a camera's numbers in the array; the lens model's parameters follow.
 KIND, COLUMNS, ROWS, FOCAL_COL, FOCAL_ROW, CENTRE_COL, CENTRE_ROW, PIXEL_RAD, REACH, LENS = range(10)
 JACOBI_SWEEPS = 12
-ROUNDING_RAD = 1e-6
-"""Larger than the rounding errors of the arccosine, which are largest at small angles."""
 
 
 @lru_cache(maxsize=256)  # of several cameras, each with the focal lengths of other_lens
@@ -165,18 +164,23 @@ def unproject(camera, col, row):
     return x / length, y / length, 1 / length
 
 
-def directions(camera: Camera, pixels: Array, sigma_px: Array, flux_dn: Array) -> tuple[Array, Array, Array]:
-    """Return (n, 3) unit vectors, (n,) errors and (n,) magnitudes; equivalent to ``verify._directions``."""
-    n = len(pixels)
-    unit, sigma_rad, magnitude = np.empty((n, 3)), np.empty(n), np.empty(n)
-    _directions(camera_numbers(camera), pixels, sigma_px, flux_dn, unit, sigma_rad, magnitude)
-    return unit, sigma_rad, magnitude
+def measured(camera: Camera, centroids: Centroids) -> MeasuredArrays:
+    """Return the arrays of ``FrameDetections``; equivalent to ``verify._measured``."""
+    c, n = centroids, len(centroids)
+    out = np.empty(n, np.intp), np.empty((n, 2)), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n)
+    columns = [np.ascontiguousarray(column, float) for column in (c.col_px, c.row_px, c.sigma_px, c.flux_dn)]
+    count = _measured(camera_numbers(camera), *columns, *out)
+    if count == n:
+        return out
+    rows, pixels, unit, sigma_px, sigma_rad, magnitude = out
+    return rows[:count], pixels[:count], unit[:count], sigma_px[:count], sigma_rad[:count], magnitude[:count]
 
 
 @loop
-def _directions(camera, pixels, sigma_px, flux_dn, unit, sigma_rad, magnitude):
-    for i in range(len(pixels)):
-        col, row = pixels[i, 0], pixels[i, 1]
+def _measured(camera, col_px, row_px, error_px, flux_dn, rows, pixels, unit, sigma_px, sigma_rad, magnitude):
+    count = np.int64(0)
+    for i in range(len(col_px)):
+        col, row = col_px[i], row_px[i]
         x, y, z = unproject(camera, col, row)
         longest2 = 0.0
         for half_col, half_row in ((0.5, 0.0), (0.0, 0.5)):
@@ -184,10 +188,17 @@ def _directions(camera, pixels, sigma_px, flux_dn, unit, sigma_rad, magnitude):
             length2 = (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2
             if math.isnan(length2) or length2 > longest2:  # NaN, outside the lens's domain, is kept
                 longest2 = length2
-        unit[i, 0], unit[i, 1], unit[i, 2] = x, y, z
-        sigma_rad[i] = 2 * math.sqrt(longest2) * sigma_px[i]
+        error = error_px[i] if math.isnan(error_px[i]) else max(error_px[i], MIN_SIGMA_PX)
+        angle = 2 * math.sqrt(longest2) * error
+        if not math.isfinite(angle):
+            continue
         flux = LEAST_FLUX_DN if math.isnan(flux_dn[i]) else max(flux_dn[i], LEAST_FLUX_DN)
-        magnitude[i] = -2.5 * math.log10(min(flux, LARGEST_FLUX_DN))
+        rows[count], sigma_px[count], sigma_rad[count] = i, error, angle
+        magnitude[count] = -2.5 * math.log10(min(flux, LARGEST_FLUX_DN))
+        pixels[count, 0], pixels[count, 1] = col, row
+        unit[count, 0], unit[count, 1], unit[count, 2] = x, y, z
+        count += 1
+    return count
 
 
 @loop
@@ -195,60 +206,6 @@ def contains(camera, col, row, margin_px):
     """True if a position is on the detector or at most ``margin_px`` outside."""
     low = -margin_px - 0.5
     return col >= low and row >= low and col <= camera[COLUMNS] - 1 - low and row <= camera[ROWS] - 1 - low
-
-
-@loop
-def room_near(cells, z, cosine):
-    """Return an upper bound of the number of stars that :func:`stars_near` lists."""
-    middle, cos_extent, sin_extent, first, _, widest_rad = cells
-    sine, room = math.sqrt(max(1 - cosine * cosine, 0.0)), 0
-    begin, end = _cells_at_height(z, cosine, widest_rad, len(middle))
-    for c in range(begin, end):
-        near = middle[c, 0] * z[0] + middle[c, 1] * z[1] + middle[c, 2] * z[2]
-        if not _too_far(near, cosine, sine, cos_extent[c], sin_extent[c]):
-            room += first[c + 1] - first[c]
-    return room
-
-
-@loop
-def _cells_at_height(z, cosine, widest_rad, count):
-    """Return the range of the cells that can contain stars whose angle from ``z`` has a cosine above ``cosine``, as far as the
-    third component of their centres shows."""
-    reach_rad = math.acos(min(max(cosine, -1.0), 1.0)) + widest_rad + ROUNDING_RAD
-    from_pole_rad = math.acos(min(max(z[2], -1.0), 1.0))
-    top, bottom = math.cos(max(from_pole_rad - reach_rad, 0.0)), math.cos(min(from_pole_rad + reach_rad, math.pi))
-    # The third component of centre c is 1 - (2 c + 1) / count.
-    begin = math.ceil((count * (1 - top) - 1) / 2)
-    end = math.floor((count * (1 - bottom) - 1) / 2) + 1
-    return max(begin, 0), min(end, count)
-
-
-@loop
-def _too_far(near, cosine, sine, cos_extent, sin_extent):
-    """True if no star of a cell is within reach. Never True if reach and extent together exceed half a circle."""
-    return cos_extent > -cosine and near < cosine * cos_extent - sine * sin_extent - 1e-12
-
-
-@loop
-def stars_near(icrs, cells, z, cosine, below, out):
-    """Write the rows below ``below`` of the stars whose angle from ``z`` has a cosine above ``cosine``. Return the
-    number of rows written."""
-    middle, cos_extent, sin_extent, first, star, widest_rad = cells
-    sine = math.sqrt(max(1 - cosine * cosine, 0.0))
-    count = 0
-    begin, end = _cells_at_height(z, cosine, widest_rad, len(middle))
-    for c in range(begin, end):
-        near = middle[c, 0] * z[0] + middle[c, 1] * z[1] + middle[c, 2] * z[2]
-        if _too_far(near, cosine, sine, cos_extent[c], sin_extent[c]):
-            continue
-        for k in range(first[c], first[c + 1]):
-            s = star[k]
-            if s >= below:
-                break
-            if icrs[s, 0] * z[0] + icrs[s, 1] * z[1] + icrs[s, 2] * z[2] > cosine:
-                out[count] = s
-                count += 1
-    return count
 
 
 @loop
@@ -300,6 +257,29 @@ def best_rotation(profile, turn):
     turn[2, 0], turn[2, 1], turn[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
 
 
+def mirror_miss_rad(measured_cam: Array, reference_icrs: Array) -> float:
+    """Return the largest distance from the mirror image; equivalent to ``soundness._mirror_miss_rad``."""
+    unit, icrs = (np.ascontiguousarray(array, float) for array in (measured_cam, reference_icrs))
+    return float(_mirror_miss_rad(unit, icrs))
+
+
+@loop
+def _mirror_miss_rad(unit, icrs):
+    profile, turn = np.zeros((3, 3)), np.empty((3, 3))
+    for k in range(len(unit)):
+        for i in range(3):
+            for j in range(3):
+                profile[i, j] -= unit[k, i] * icrs[k, j]
+    best_rotation(profile, turn)
+    largest2 = 0.0
+    for k in range(len(unit)):
+        miss2 = 0.0
+        for i in range(3):
+            miss2 += (turn[i, 0] * icrs[k, 0] + turn[i, 1] * icrs[k, 1] + turn[i, 2] * icrs[k, 2] + unit[k, i]) ** 2
+        largest2 = max(largest2, miss2)
+    return math.sqrt(largest2)
+
+
 @loop
 def inverse(m, out):
     """Write the inverse of a symmetric (3, 3) matrix to ``out``."""
@@ -309,14 +289,3 @@ def inverse(m, out):
     out[0, 0], out[0, 1], out[0, 2] = p / det, q / det, r / det
     out[1, 0], out[1, 1], out[1, 2] = q / det, (a * f - c * c) / det, (b * c - a * e) / det
     out[2, 0], out[2, 1], out[2, 2] = r / det, (b * c - a * e) / det, (a * d - b * b) / det
-
-
-@loop
-def middle_of(values, count):
-    """Return the median of the first ``count`` values without changing their order; NaN if there are none."""
-    if count == 0:
-        return math.nan
-    ordered = np.sort(values[:count])
-    if count % 2:
-        return ordered[count // 2]
-    return 0.5 * (ordered[count // 2 - 1] + ordered[count // 2])

@@ -34,8 +34,10 @@ from gss.pipeline.identify.flux_line import (
 )
 from gss.pipeline.identify.flux_line import ROUNDS as LINE_ROUNDS
 from gss.pipeline.loops import loop
+from gss.pipeline.loops.cells import room_near, stars_near
 from gss.pipeline.loops.fit import slopes, turned
-from gss.pipeline.loops.geometry import COLUMNS, REACH, ROWS, contains, middle_of, project, room_near, stars_near
+from gss.pipeline.loops.geometry import COLUMNS, REACH, ROWS, contains, project
+from gss.pipeline.loops.small import ascending, middle_of
 
 
 @loop
@@ -115,7 +117,7 @@ def expected_stars(camera, icrs, v_mag, cells, velocity, turn, faintest):
         if contains(camera, col, line, MAX_GATE_PX):
             star[count], places[count, 0], places[count, 1] = row, col, line
             count += 1
-    order = np.argsort(places[:count, 0])
+    order = ascending(places[:count, 0])
     sorted_star, sorted_places = np.empty(count, np.int64), np.empty((count, 2))
     for k in range(count):
         row = order[k]
@@ -139,52 +141,52 @@ def place_variance_px2(fit, icrs, row):
 
 
 @loop
-def companions(star, v_mag, places, psf_px):
-    """Return for each star the magnitude including companions, the displacement by companions, the star's share of the
-    light, and the largest distance of its detection."""
-    count = len(star)
-    bright, shift, share, reach = np.empty(count), np.zeros((count, 2)), np.ones(count), np.full(count, MAX_GATE_PX)
+def appearance(a, star, v_mag, places, psf_px):
+    """Return how star ``a`` of the expected stars appears: magnitude including companions, displacement by companions in column and
+    row, the star's share of the light, and the largest distance of its detection. ``places``: sorted by column."""
+    light, moved_col, moved_row, reach = 1.0, 0.0, 0.0, MAX_GATE_PX  # in units of the star's light
     widest = BLEND_REACH_SIGMA * psf_px
-    for a in range(count):
-        light, moved_col, moved_row = 1.0, 0.0, 0.0  # in units of the star's light
-        for side in (-1, 1):
-            b = a + side
-            while 0 <= b < count and abs(places[b, 0] - places[a, 0]) <= widest:
-                across, down = places[b, 0] - places[a, 0], places[b, 1] - places[a, 1]
-                d2 = across * across + down * down
-                if d2 <= widest * widest:
-                    ratio = 10 ** (-0.4 * (v_mag[star[b]] - v_mag[star[a]]))
-                    # Light that a second Gaussian adds to the matched filter of the first Gaussian. This light also
-                    # shifts the fitted centre.
-                    overlap = ratio * math.exp(-d2 / (4 * psf_px * psf_px))
-                    light += overlap
-                    moved_col += overlap * across
-                    moved_row += overlap * down
-                    if ratio > COMPARABLE:
-                        apart = math.sqrt(d2)
-                        reach[a] = min(reach[a], RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
-                b += side
-        bright[a] = v_mag[star[a]]
-        if light > 1.0:
-            bright[a] -= 2.5 * math.log10(light)
-            shift[a, 0], shift[a, 1], share[a] = moved_col / light, moved_row / light, 1 / light
-    return bright, shift, share, reach
+    for side in (-1, 1):
+        b = a + side
+        while 0 <= b < len(star) and abs(places[b, 0] - places[a, 0]) <= widest:
+            across, down = places[b, 0] - places[a, 0], places[b, 1] - places[a, 1]
+            d2 = across * across + down * down
+            if d2 <= widest * widest:
+                ratio = 10 ** (-0.4 * (v_mag[star[b]] - v_mag[star[a]]))
+                # Light that a second Gaussian adds to the matched filter of the first Gaussian. This light also shifts
+                # the fitted centre.
+                overlap = ratio * math.exp(-d2 / (4 * psf_px * psf_px))
+                light += overlap
+                moved_col += overlap * across
+                moved_row += overlap * down
+                if ratio > COMPARABLE:
+                    apart = math.sqrt(d2)
+                    reach = min(reach, RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
+            b += side
+    bright = v_mag[star[a]]
+    if light > 1.0:
+        bright -= 2.5 * math.log10(light)
+    return bright, moved_col / light, moved_row / light, 1 / light, reach
 
 
 @loop
-def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, line, extra_px, verified, icrs, fit, name):
-    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous. Equivalent to ``faint._assign``.
-    ``fit``: see :func:`place_variance_px2`."""
-    star, places, bright, shift, share, reach = expected
+def assign(
+    spots, sigma_px, magnitude, magnitude_sigma, psf_px, star, places, line, extra_px, verified, sky, fit, name, moved2
+):
+    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous, and the square of the star's
+    displacement by companions to ``moved2``. Equivalent to ``faint._assign``. ``star``, ``places``: see
+    :func:`expected_stars`; ``fit``: see :func:`place_variance_px2`."""
+    icrs, v_mag, _ = sky
     camera = fit[0]
     n = len(spots)
-    count, columns = len(star), places[:, 0].copy()
-    ranked = np.sort(bright)
+    count, columns, ranked = len(star), places[:, 0].copy(), v_mag[star]
+    ranked = ranked[ascending(ranked)]
     rivals_of_star = np.zeros(count, np.int64)
     capacity = 64
-    pair_spot, pair_star, pair_expected_stars, pairs = (
+    pair_spot, pair_star, pair_expected_stars, pair_moved2, pairs = (
         np.empty(capacity, np.int64),
         np.empty(capacity, np.int64),
+        np.empty(capacity),
         np.empty(capacity),
         0,
     )
@@ -198,33 +200,36 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, line, extra_px
                 break
             across, down = spots[s, 0] - places[e, 0], spots[s, 1] - places[e, 1]
             d2 = across * across + down * down
-            if d2 > MAX_GATE_PX * MAX_GATE_PX or d2 > reach[e] * reach[e]:
+            if d2 > MAX_GATE_PX * MAX_GATE_PX:
                 continue
-            moved2 = shift[e, 0] * shift[e, 0] + shift[e, 1] * shift[e, 1]
-            variance = sigma_px[s] * sigma_px[s] + moved2 / 4 + extra_px * extra_px
+            bright, shift_col, shift_row, share, reach = appearance(e, star, v_mag, places, psf_px)
+            if d2 > reach * reach:
+                continue
+            shift2 = shift_col * shift_col + shift_row * shift_row
+            variance = sigma_px[s] * sigma_px[s] + shift2 / 4 + extra_px * extra_px
             variance += place_variance_px2(fit, icrs, star[e])
             gate = min(GATE_SIGMA * math.sqrt(variance), MAX_GATE_PX)
-            if (across - shift[e, 0]) ** 2 + (down - shift[e, 1]) ** 2 > gate * gate:
+            if (across - shift_col) ** 2 + (down - shift_row) ** 2 > gate * gate:
                 continue
-            difference, window = abs(v - bright[e]), BRIGHTNESS_SIGMA * noise
+            difference, window = abs(v - bright), BRIGHTNESS_SIGMA * noise
             if difference > window:
                 if verified[s] != star[e] or difference > VERIFIED_WINDOW_MAG:
                     continue
                 window = VERIFIED_WINDOW_MAG
-            if share[e] < OWN_SHARE:
+            if share < OWN_SHARE:
                 continue
-            among = np.searchsorted(ranked, bright[e] + window, side="right") - np.searchsorted(
-                ranked, bright[e] - window
-            )
+            among = np.searchsorted(ranked, bright + window, side="right") - np.searchsorted(ranked, bright - window)
             expected_stars = min(among * math.pi * gate * gate / (camera[COLUMNS] * camera[ROWS]), 1.0)
             if pairs == capacity:
                 capacity *= 2
-                pair_spot, pair_star, pair_expected_stars = (
+                pair_spot, pair_star, pair_expected_stars, pair_moved2 = (
                     np.concatenate((pair_spot, pair_spot)),
                     np.concatenate((pair_star, pair_star)),
                     np.concatenate((pair_expected_stars, pair_expected_stars)),
+                    np.concatenate((pair_moved2, pair_moved2)),
                 )
-            pair_spot[pairs], pair_star[pairs], pair_expected_stars[pairs] = s, e, expected_stars
+            pair_spot[pairs], pair_star[pairs] = s, e
+            pair_expected_stars[pairs], pair_moved2[pairs] = expected_stars, shift2
             pairs += 1
             fitting_spots += rivals_of_spot[s] == 0
             rivals_of_spot[s] += 1
@@ -236,7 +241,7 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, line, extra_px
         s, e = pair_spot[k], pair_star[k]
         chance = false_share * pair_expected_stars[k] if pair_expected_stars[k] <= CROWDED else 1.0
         if rivals_of_spot[s] == 1 and rivals_of_star[e] == 1 and chance <= MAX_CHANCE:
-            name[s] = e
+            name[s], moved2[s] = e, pair_moved2[k]
 
 
 @loop

@@ -11,7 +11,7 @@ import numpy as np
 
 from gss.pipeline.identify.near import FEW_CANDIDATES
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.geometry import stars_near
+from gss.pipeline.loops.cells import stars_near
 from gss.pipeline.loops.proof import prepared, verify, without_one, workspace
 
 NO_THREE = 2

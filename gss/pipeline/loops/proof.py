@@ -12,19 +12,10 @@ import numpy as np
 from gss.pipeline.identify.false_match import LEVELS, SMALLEST
 from gss.pipeline.identify.verify import FULL_SHARE, MAX_RADIUS_PX, MIN_RADIUS_PX, RADIUS_SIGMA, ROUNDS
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.geometry import (
-    COLUMNS,
-    PIXEL_RAD,
-    REACH,
-    ROWS,
-    best_rotation,
-    contains,
-    inverse,
-    middle_of,
-    project,
-    stars_near,
-)
+from gss.pipeline.loops.cells import stars_near
+from gss.pipeline.loops.geometry import COLUMNS, PIXEL_RAD, REACH, ROWS, best_rotation, contains, inverse, project
 from gss.pipeline.loops.pairing import pair_up
+from gss.pipeline.loops.small import middle_of
 
 GAMMA_TERMS = 2000
 

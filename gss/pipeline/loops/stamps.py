@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.pipeline.detect import BRIGHT_SNR, BRIGHTEST
 from gss.pipeline.loops import loop
-from gss.pipeline.loops.geometry import middle_of
+from gss.pipeline.loops.small import middle_of
 from gss.pipeline.peaks import Peaks
 from gss.pipeline.psf import (
     FIT_ROUNDS,

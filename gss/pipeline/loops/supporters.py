@@ -12,8 +12,8 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.pipeline.identify.neighbour_pattern import MAX_AMPLIFIED, ROUNDING, PairHypotheses, PatternSpots, PatternStars
 from gss.pipeline.loops import loop
+from gss.pipeline.loops.cells import stars_near
 from gss.pipeline.loops.fit import turned
-from gss.pipeline.loops.geometry import stars_near
 from gss.pipeline.small import Rows
 
 
