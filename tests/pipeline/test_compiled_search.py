@@ -101,12 +101,15 @@ def test_both_searches_have_the_same_candidates(
     pairs = search._no_pairs(n)
     arrays = table.first, table.second, table.distance_rad
     search._compute_pairs(0, n, (view.unit, view.sigma_rad, anchor_search.TOLERANCE_SIGMA, 0.001), arrays[2], pairs)
-    end, entry, out = np.empty(len(sky), np.uint32), np.empty(0, np.uint32), np.empty((most, 6), np.int64)
+    end, anchor = np.empty(len(sky), np.uint32), np.empty(len(sky), np.uint32)
+    entry, out = np.empty(0, np.uint32), np.empty((most, 6), np.int64)
     largest, collinear = anchor_search.MAX_OF_A_PAIR, anchor_search.COLLINEAR
     counts = []
     for i in range(n - need - 1):
-        longest, entry = search._entries(i, n, pairs, arrays, largest, end, entry)
-        count = search._candidates(i, view.unit, sky.icrs, pairs, end, longest, entry, collinear, need, out)
+        stars, longest, entry = search._entries(i, n, pairs, arrays, largest, need, end, anchor, entry)
+        count = search._candidates(
+            i, view.unit, sky.icrs, pairs, anchor[:stars], end, longest, entry, collinear, need, out
+        )
         assert [tuple(row[:5]) for row in out[:count].tolist()] == expected._candidates(i, expected._entries(i, n))
         counts.append(count)
     assert max(counts) == most

@@ -71,38 +71,44 @@ def _ranks(first, end, pairs, largest):
 
 
 @loop
-def _entries(i, count, pairs, table, largest, end, entry):
+def _entries(i, count, pairs, table, largest, need, end, anchor, entry):
     """Write an entry for each hypothesis that detection i is one star and a later one of ``count`` is another: detection
-    and star of the other, grouped by the star of i. ``end``: index after the last entry of each star. Return the largest
-    number of entries of a star, and ``entry``, which is replaced if it is too short."""
+    and star of the other, grouped by the star of i. Stars with at most ``need`` entries cannot be a candidate: their entries go
+    to the first place of ``entry``, which has no meaning. ``anchor``: the other stars; ``end``: index after the last entry
+    of each. Return the number of these stars, their largest number of entries, and ``entry``, which is replaced if it is
+    too short."""
     start, stop = pairs[4:]
     first, second = table[:2]
-    one, total = np.uint32(1), np.int64(0)
+    zero, one = np.uint32(0), np.uint32(1)
     end[:] = 0
     for k in range(i + 1, count):
         if 2 * (stop[i, k] - start[i, k]) <= largest:
-            total += 2 * (stop[i, k] - start[i, k])
             for p in range(np.uint64(start[i, k]), np.uint64(stop[i, k])):
                 end[np.uint32(first[p])] += one
                 end[np.uint32(second[p])] += one
-    if total > len(entry):
-        entry = np.empty(total, np.uint32)
-    at = most = np.uint32(0)
+    # No branches in these loops: a processor cannot predict which stars have enough entries.
+    at, most, anchors, few = one, zero, np.uint64(0), np.uint32(need)
     for star in range(len(end)):
-        of_star = end[star]
+        of_star = end[star] if end[star] > few else zero
+        anchor[anchors] = star
+        anchors += np.uint64(of_star > zero)
         most = max(most, of_star)
-        end[star] = at
+        end[star] = at if of_star > zero else zero
         at += of_star
+    if at > len(entry):
+        entry = np.empty(at, np.uint32)
     for k in range(i + 1, count):
         if 2 * (stop[i, k] - start[i, k]) <= largest:
             detection = np.uint32(k) << STAR_BITS
             for p in range(np.uint64(start[i, k]), np.uint64(stop[i, k])):
                 a, b = np.uint32(first[p]), np.uint32(second[p])
-                entry[end[a]] = detection | b
-                end[a] += one
-                entry[end[b]] = detection | a
-                end[b] += one
-    return most, entry
+                place = end[a]
+                entry[place] = detection | b
+                end[a] = place + np.uint32(place > zero)
+                place = end[b]
+                entry[place] = detection | a
+                end[b] = place + np.uint32(place > zero)
+    return anchors, most, entry
 
 
 @loop
@@ -141,7 +147,7 @@ def _insert(out, count, candidate, votes):
 
 
 @loop
-def _candidates(i, unit, icrs, pairs, end, most, entry, collinear, need, out):
+def _candidates(i, unit, icrs, pairs, anchor, end, most, entry, collinear, need, out):
     """Write the candidates of anchor i to ``out``, those with most votes first: rows (star of i, detection, its star, third
     detection, its star, votes). Return their number. An entry has a vote for every other detection
     of which an entry of the same star fits its distance and handedness."""
@@ -149,13 +155,11 @@ def _candidates(i, unit, icrs, pairs, end, most, entry, collinear, need, out):
     x, y, z = np.empty(most), np.empty(most), np.empty(most)
     detection, star = np.empty(most, np.uint32), np.empty(most, np.uint32)
     votes, latest = np.empty(most, np.int64), np.empty(most, np.int64)
-    stop, one = np.uint64(0), np.uint64(1)
+    stop, one = np.uint64(1), np.uint64(1)
     count = 0
-    for a in range(len(end)):
+    for a in anchor:
         start, stop = stop, np.uint64(end[a])
         n = stop - start
-        if n <= np.uint64(need):
-            continue
         for e in range(n):
             c = entry[start + e] & STAR_MASK
             detection[e], star[e] = entry[start + e] >> STAR_BITS, c
@@ -231,7 +235,7 @@ def find(
     icrs, unit = sky[0], view[1][:brightest]
     detections = unit, view[2][:brightest], sigmas, scale_error
     pairs = _no_pairs(brightest)
-    end, entry = np.empty(len(icrs), np.uint32), np.empty(0, np.uint32)
+    end, anchor, entry = np.empty(len(icrs), np.uint32), np.empty(len(icrs), np.uint32), np.empty(0, np.uint32)
     out = np.empty((limits[3], 6), np.int64)
     work = workspace(len(icrs), len(view[0]))
     best_count, best_predicted, best = 0, 0, 2.0
@@ -248,8 +252,8 @@ def find(
                 hypotheses = 2 * (pairs[5][i, k] - pairs[4][i, k])
                 if hypotheses <= limits[0]:
                     examined += hypotheses
-            most, entry = _entries(i, stop, pairs, table, limits[0], end, entry)
-            trials = _candidates(i, unit, icrs, pairs, end, most, entry, float(limits[2]), need, out)
+            anchors, most, entry = _entries(i, stop, pairs, table, limits[0], need, end, anchor, entry)
+            trials = _candidates(i, unit, icrs, pairs, anchor[:anchors], end, most, entry, float(limits[2]), need, out)
             for t in range(trials):
                 rows[0], rows[1], rows[2] = i, out[t, 1], out[t, 3]
                 stars[0], stars[1], stars[2] = out[t, 0], out[t, 2], out[t, 4]
