@@ -84,7 +84,9 @@ def loaded_bytes(content: memoryview) -> int | None:
 def drop_symbols(file: Path) -> int:
     """Remove the names for debuggers from a compiled module, and return the number of bytes removed. The file is replaced,
     because it can be a link to the installer's cache."""
-    content = bytearray(file.read_bytes())
+    content = bytearray(file.stat().st_size)
+    with file.open("rb") as module:
+        module.readinto(content)
     end = loaded_bytes(memoryview(content))
     if end is None or end >= len(content):
         return 0
