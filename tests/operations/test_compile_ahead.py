@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from inspect import isfunction
+from multiprocessing import get_context
 from types import ModuleType
 
 import pytest
@@ -16,24 +18,34 @@ from gss.operations.frames.compile_ahead import compile_ahead
 from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.kernels import kernels
-from gss.pipeline.loops import background, geometry, peaks, pixels, predictional, stamps, supporters, trails
+from gss.pipeline.loops import background, census, geometry, peaks, pixels, predictional, stamps, supporters, trails
 
 
 def test_every_loop_is_compiled_and_progress_is_reported() -> None:
-    """After compilation every loop that Python calls has a signature. Progress is reported for each case."""
+    """After compilation every loop that Python calls has a signature. Progress is reported for each case. A new process
+    compiles them, because other tests call loops too.
+    """
+    with ProcessPoolExecutor(1, get_context("spawn")) as process:
+        steps, count, missing = process.submit(compiled_in_advance).result()
+    assert [done for done, _, _ in steps] == [0, 1, 2, 3, 4, 5, 6]
+    assert (steps[0][2], steps[-1]) == ("lost in space", (6, 6, ""))
+    assert count >= 20
+    assert missing == []
+
+
+def compiled_in_advance() -> tuple[list[tuple[int, int, str]], int, list[str]]:
+    """Compile the loops. Return the reported steps, the number of loops that Python calls, and the names of those without a
+    signature."""
     steps: list[tuple[int, int, str]] = []
     cameras = shipped_registry()
     solver = Solver(cameras.camera, SolverCache(), time.perf_counter)
     compile_ahead(solver, cameras.camera("cubestar"), lambda *step: steps.append(step))
-    assert [done for done, _, _ in steps] == [0, 1, 2, 3, 4, 5, 6]
-    assert (steps[0][2], steps[-1]) == ("lost in space", (6, 6, ""))
     lists = kernels(fast=True).lists
     assert lists is not None
     called = [loop for loop in vars(lists).values() if isinstance(loop, Dispatcher)]
-    for module in (background, geometry, peaks, pixels, predictional, stamps, supporters, trails):
+    for module in (background, census, geometry, peaks, pixels, predictional, stamps, supporters, trails):
         called += called_from_python(module)
-    assert len(called) >= 20
-    assert [loop.py_func.__name__ for loop in called if not loop.signatures] == []
+    return steps, len(called), [loop.py_func.__name__ for loop in called if not loop.signatures]
 
 
 def called_from_python(module: ModuleType) -> list[Dispatcher]:

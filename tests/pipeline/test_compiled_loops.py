@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from gss.pipeline.identify.neighbour_pattern import (
     pattern_stars,
     supporters,
 )
+from gss.pipeline.loops import geometry
 from gss.pipeline.loops.pixels import _lit
 from gss.pipeline.loops.small import ascending, middle_of
 from gss.pipeline.peaks import _binomial_sum
@@ -230,3 +232,18 @@ def test_both_loops_measure_the_same_directions() -> None:
     assert plain.pixels.tolist() == compiled.pixels.tolist()
     for one, other in zip(plain.arrays, compiled.arrays, strict=True):
         assert np.allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
+def test_a_read_only_list_needs_no_other_loops() -> None:
+    """Stored lists are read-only, and columns of a table are not contiguous. Both are measured by the loop that is compiled
+    in advance.
+    """
+    camera = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
+    centroids = Centroids.from_pixels(np.random.default_rng(4).uniform(0, 400, (30, 2)))
+    measured = verify.field_of(centroids, camera, fast=True).unit
+    versions = len(geometry._measured.signatures)
+    contiguous = Centroids(*(np.array(getattr(centroids, column.name)) for column in fields(centroids)))
+    for column in fields(contiguous):
+        getattr(contiguous, column.name).flags.writeable = False
+    assert np.array_equal(verify.field_of(contiguous, camera, fast=True).unit, measured)
+    assert len(geometry._measured.signatures) == versions

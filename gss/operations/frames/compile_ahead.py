@@ -25,6 +25,7 @@ from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.n_vertex import consistent_names
 from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.identify.neighbour_pattern import PairHypotheses, PatternSpots, pattern_stars, supporters
+from gss.pipeline.identify.soundness import is_handed
 from gss.pipeline.kernels import kernels
 from gss.pipeline.regions import find_blobs
 from gss.pipeline.track.predictional import predictional_fit
@@ -92,10 +93,12 @@ def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> Non
 
 
 def _compile_census(camera: Camera) -> None:
-    """Compile the census of focal lengths, which the reference chain runs only for doubtful lists."""
+    """Compile the census of focal lengths and the fit of the mirror image, which the reference chain runs only for doubtful
+    lists."""
     pixels = np.array([[0.25, 0.25], [0.75, 0.25], [0.5, 0.75]]) * [camera.columns, camera.rows]
     unit = camera.unproject(pixels)
     focal_objection(pixels, np.arange(3), unit, unit, camera, 1.0, fast=True)
+    is_handed(unit, unit, 0.0, fast=True)
 
 
 def _compile_figures() -> None:

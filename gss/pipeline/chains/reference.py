@@ -273,7 +273,7 @@ def _name_all_compiled(
     rows, star_rows, residual_px, weight, covariance, rms_px = loops.finish(
         loops.camera_numbers(camera),
         view.pixels,
-        np.ascontiguousarray(centroids.sigma_px, float),
+        np.array(centroids.sigma_px, float),
         view.centroid,
         view.magnitude,
         float(detections.psf_sigma_px if detections else 1.0),

@@ -168,8 +168,8 @@ def measured(camera: Camera, centroids: Centroids) -> MeasuredArrays:
     """Return the arrays of ``FrameDetections``; equivalent to ``verify._measured``."""
     c, n = centroids, len(centroids)
     out = np.empty(n, np.intp), np.empty((n, 2)), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n)
-    columns = [np.ascontiguousarray(column, float) for column in (c.col_px, c.row_px, c.sigma_px, c.flux_dn)]
-    count = _measured(camera_numbers(camera), *columns, *out)
+    # One new array: numba would compile the loop again for columns that are read-only or not contiguous.
+    count = _measured(camera_numbers(camera), np.array((c.col_px, c.row_px, c.sigma_px, c.flux_dn), float), *out)
     if count == n:
         return out
     rows, pixels, unit, sigma_px, sigma_rad, magnitude = out
@@ -177,10 +177,10 @@ def measured(camera: Camera, centroids: Centroids) -> MeasuredArrays:
 
 
 @loop
-def _measured(camera, col_px, row_px, error_px, flux_dn, rows, pixels, unit, sigma_px, sigma_rad, magnitude):
+def _measured(camera, columns, rows, pixels, unit, sigma_px, sigma_rad, magnitude):
     count = np.int64(0)
-    for i in range(len(col_px)):
-        col, row = col_px[i], row_px[i]
+    for i in range(columns.shape[1]):
+        col, row, error, flux = columns[0, i], columns[1, i], columns[2, i], columns[3, i]
         x, y, z = unproject(camera, col, row)
         longest2 = 0.0
         for half_col, half_row in ((0.5, 0.0), (0.0, 0.5)):
@@ -188,11 +188,11 @@ def _measured(camera, col_px, row_px, error_px, flux_dn, rows, pixels, unit, sig
             length2 = (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2
             if math.isnan(length2) or length2 > longest2:  # NaN, outside the lens's domain, is kept
                 longest2 = length2
-        error = error_px[i] if math.isnan(error_px[i]) else max(error_px[i], MIN_SIGMA_PX)
+        error = error if math.isnan(error) else max(error, MIN_SIGMA_PX)
         angle = 2 * math.sqrt(longest2) * error
         if not math.isfinite(angle):
             continue
-        flux = LEAST_FLUX_DN if math.isnan(flux_dn[i]) else max(flux_dn[i], LEAST_FLUX_DN)
+        flux = LEAST_FLUX_DN if math.isnan(flux) else max(flux, LEAST_FLUX_DN)
         rows[count], sigma_px[count], sigma_rad[count] = i, error, angle
         magnitude[count] = -2.5 * math.log10(min(flux, LARGEST_FLUX_DN))
         pixels[count, 0], pixels[count, 1] = col, row
